@@ -205,7 +205,7 @@ def check(result, W: np.ndarray) -> None:
         if name in by_name and name not in virtual:
             S = mechanism.screws()[i - 1]
             own = S @ se3.adjoint(poses[i]).T @ by_name[name]
-            assert own == pytest.approx(torques.get(name, 0.0), abs=1e-9 * largest)
+            assert own == pytest.approx(torques.get(name, 0.0), rel=0, abs=1e-10 * largest)
 
 
 def weight_of_platform(result) -> np.ndarray:
