@@ -197,7 +197,7 @@ HOMES = {
     "reach": "assembly",
     "reach.workspace": "LegMargins Margins around carried lines_at wrench_margins",
     "report": "analysis",
-    "report.analysis": "describe describe_equilibrium summary_text uncertainty_lines",
+    "report.analysis": "describe describe_equilibrium summary_text",
     "report.answer": "answer_text",
     "report.better": "better_sentences",
     "report.frames": "describe_frames frames_of",

@@ -26,6 +26,8 @@ from cartstiff.notes import Note
 from cartstiff.units import Units
 
 Vector = tuple[float, float, float]
+#: Size for the round-off of components of unit vectors, so that those below 1e-9 are 0.
+COSINES = numerics.REPORTED_ERROR / numerics.PRINTED_AS_ZERO
 Cause = Literal["load", "preload", "added load"]
 
 
@@ -174,7 +176,7 @@ class Extreme:
 class Quantity:
     """A number, or numbers of one kind, with its unit; "1" for a share."""
 
-    value: float | tuple[float, ...] | None
+    value: float | tuple[float | None, ...] | None
     unit: str
 
 
@@ -191,6 +193,21 @@ def rounded(values: Iterable[float], size: float) -> tuple[float, ...]:
     """Numbers without the round-off of a size, which is zero."""
     least = numerics.PRINTED_AS_ZERO * size
     return tuple(float(x) * (abs(x) >= least) for x in values)
+
+
+def wrench_parts(
+    force: Sequence[float], moment: Sequence[float], units: Units
+) -> dict[str, Quantity]:
+    """Force and moment by their names; what is zero, or round-off, is not named, unless
+    both are.
+    """
+    push, twist = (max(map(abs, part)) for part in (force, moment))
+    named = dict[str, Quantity]()
+    if push or not twist:
+        named["force"] = Quantity(tuple(force), units.force)
+    if twist > numerics.PRINTED_AS_ZERO * push:
+        named["moment"] = Quantity(tuple(moment), units.moment)
+    return named
 
 
 @dataclass(frozen=True)

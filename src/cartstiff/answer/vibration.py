@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.answer.data import (
+    COSINES,
     Answer,
     Column,
     Quantity,
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
         Sensitivities,
     )
 
-#: Size for the round-off of components of unit vectors, so that those below 1e-9 are 0.
-COSINES = numerics.REPORTED_ERROR / numerics.PRINTED_AS_ZERO
 #: Largest number of coordinates whose shares are all listed, and the least of more that
 #: is.
 _MAX_COLUMNS, _LEAST_SHARE = 8, 0.005

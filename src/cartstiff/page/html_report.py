@@ -19,6 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.answer.analysis import wrench_tables
 from cartstiff.answer.data import Answer, Quantity, Statement, said
 from cartstiff.answer.posture import answer_at, room_load
 from cartstiff.arrays import checked_vector
@@ -30,17 +31,18 @@ from cartstiff.page.export import export_page
 from cartstiff.page.report_curves import plot, sweeps_of
 from cartstiff.page.report_drawing import drawing
 from cartstiff.page.report_parts import (
-    answer_tables,
     items,
     matrix,
     section,
     table,
+    tables,
     text,
 )
 from cartstiff.page.shown import distance_to_singularity
 from cartstiff.page.source import Source
+from cartstiff.report.answer import in_short
 from cartstiff.report.better import NONE_FOUND, better_sentences
-from cartstiff.report.layout import placed, vector
+from cartstiff.report.layout import placed
 from cartstiff.report.sentences import (
     SENTENCES,
     answer_sentences,
@@ -346,10 +348,10 @@ class _Page:
             f'<div class="answer"><ul>{items(sentences)}</ul></div>',
             f'<ul class="doubts">{items(doubts)}</ul>' * bool(doubts),
             drawing(self.result, self.answer, load.more, load.kind),
-            answer_tables(self.answer),
+            tables(in_short(self.answer.tables)),
             section("Distance to a singularity", self._near()),
             section("Load and weight", f"<ul>{items(self._acting())}</ul>"),
-            section("Wrenches in joints, loops, links and lines", self._wrenches()),
+            self._wrenches(),
             section("Stiffness", matrix(self.result)),
             section("One joint at a time", self._curves()),
         ]
@@ -357,24 +359,8 @@ class _Page:
 
     def _wrenches(self) -> str:
         """What each carries, about the origin and along the axes of a frame."""
-        wrenches, units = self.result.wrenches, self.elastic.units
-        if not wrenches:
-            return ""
-        sizes = (
-            np.abs([one.wrench for one in wrenches]).reshape(-1, 2, 3).max(axis=(0, 2))
-        )
-        rows = [
-            [
-                one.name + " *" * (not one.is_determined),
-                one.frame,
-                *(vector(one.wrench[3 * k : 3 * k + 3], 5, sizes[k]) for k in (0, 1)),
-            ]
-            for one in wrenches
-        ]
-        heads = ["part", "frame", f"moment [{units.moment}]", f"force [{units.force}]"]
-        open_ = "<p>* redundant closures between rigid links leave these open</p>"
-        is_open = any(not one.is_determined for one in wrenches)
-        return table(rows, heads) + open_ * is_open
+        wrenches = [one.to_dict() for one in self.result.wrenches]
+        return tables(wrench_tables({"wrenches": wrenches}, self.elastic.units))
 
     def _curves(self) -> str:
         """The displacement while one coordinate moves, where springs take the load."""

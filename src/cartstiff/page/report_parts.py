@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 
-from cartstiff.answer.data import Answer
+from cartstiff.answer.data import Table
 from cartstiff.errors import printable
 from cartstiff.report.answer import (
-    in_short,
     lines_below,
     table_cells,
     table_head,
@@ -43,14 +42,14 @@ def table(rows: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
     return f"<table>{''.join(f'<tr>{line}</tr>' for line in (cells, *lines) if line)}</table>"  # noqa: E501
 
 
-def answer_tables(answer: Answer) -> str:
-    """The tables of an answer under their titles, as on a screen."""
+def tables(shown: Iterable[Table]) -> str:
+    """Tables of an answer under their titles."""
     found = []
-    for shown in in_short(answer.tables):
-        columns, cells = table_cells(shown)
-        below = "".join(f"<p>{text(line)}</p>" for line in lines_below(shown))
+    for one in shown:
+        columns, cells = table_cells(one)
+        below = "".join(f"<p>{text(line)}</p>" for line in lines_below(one))
         body = table(cells, [table_head(column) for column in columns])
-        found.append(section(table_title(shown), body + below))
+        found.append(section(table_title(one), body + below))
     return "".join(found)
 
 

@@ -15,10 +15,6 @@ from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.notes import Note
 from cartstiff.units import Units
 
-#: Size for the round-off of components of unit vectors, so that those below 1e-9 are
-#: shown as 0.
-COSINES = numerics.REPORTED_ERROR / numerics.PRINTED_AS_ZERO
-
 
 def note_lines(notes: Iterable[Note]) -> list[str]:
     """Return the notes under their title, after an empty line; nothing without notes."""
@@ -45,33 +41,11 @@ def percent(x: float | None) -> str:
     return f"{float(shown):g} %"
 
 
-def share(x: float | None) -> str:
-    """Format a number of size one; 0 if it is round-off, "-" if it does not exist."""
-    return number(x, 3, size=1.0)
-
-
 def _each(values: Iterable[float | None], digits: int, size: float) -> list[str]:
     """Format numbers; 0 for round-off of the largest number or of a size."""
     entries = list(values)
     largest = max(max((abs(x) for x in entries if x is not None), default=0.0), size)
     return [number(x, digits, size=largest) for x in entries]
-
-
-def row(values: Iterable[float | None] | None, digits: int = 5, size: float = 0.0) -> str:
-    """Numbers in columns."""
-    if values is None:
-        return "does not exist"
-    return " ".join(f"{x:>11}" for x in _each(values, digits, size))
-
-
-def wide_row(values: Iterable[float], size: float = 0.0) -> str:
-    """Numbers in wide columns, with the digits of a posture."""
-    return " ".join(f"{x:>12}" for x in _each(values, 6, size))
-
-
-def numbers(values: Iterable[float | None], digits: int = 5, size: float = 0.0) -> str:
-    """Numbers in a line."""
-    return " ".join(_each(values, digits, size))
 
 
 def vector(values: Iterable[float | None], digits: int = 3, size: float = 0.0) -> str:

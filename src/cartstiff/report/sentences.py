@@ -15,11 +15,11 @@ from cartstiff.answer.data import (
     Displacement,
     Extreme,
     Frame,
-    Load,
     Quantity,
     Shares,
     Statement,
     Vector,
+    wrench_parts,
 )
 from cartstiff.answer.verdict import ASYMMETRIC, NOT_TANGENT, Verdict
 from cartstiff.errors import listed
@@ -135,6 +135,57 @@ SENTENCES: dict[str, str] = {
     "stored-energy": "  energy stored in the springs {energy:6}",
     "potential": "  potential of gravity and loads {energy:6}",
     "rows-left-out": "  {count} more without spring, limits and share",
+    # the analysis of a posture
+    "the-compliance": "the compliance",
+    "the-matrix": "K^{name}, {sign}",
+    "its-symmetric-part": "the symmetric part of K^{name}, {sign}",
+    "at-the-frame": "the body frame",
+    "at-a-point": "the point {point} of the body frame",
+    "in-other-axes": "the point {point} of the body frame, in other axes",
+    "tangent-under": "  the tangent under a {kind} load at {at} of the body: {meaning}",
+    "no-tangent-under": "  NOT the tangent (that is K^load) under a {kind} load at {at} "
+    "of the body: {meaning}",
+    "free-of-asymmetric": '  "free" comes from the symmetric part of its inverse: motion '
+    "along a force",
+    "characteristic-length": "  characteristic length {length} ({reason})",
+    "from-the-origin": "the origin of the body frame",
+    "from-the-point": "this point",
+    "coupling": "  coupling of rotation and translation: {here:3} here, {there:3} at the "
+    "point of least coupling (0 none, 1 full)",
+    "coupling-without-bound": "  coupling of rotation and translation: {here:3} here, "
+    "{there:3} at the point of least coupling (0 none; not bounded, as the matrix is "
+    "indefinite)",
+    "few-screws": "  only {count} real, independent eigenscrews",
+    "complex-eigenvalue": "  complex eigenvalue {real} + {imaginary}i",
+    "grows": "unstable, growing by {rate} /s",
+    "difference": "{size:3} ({share:%})",
+    "asymmetry": "  asymmetry of K^A: {size:%}, as the load predicts (residual "
+    "{residual:2})",
+    "asymmetry-unexplained": "  asymmetry of K^A: {size:%}, NOT as the load predicts "
+    "(residual {residual:2})",
+    "point-moves": "  the point {point} moves {size:5e}: {moves:4}",
+    "body-turns": "  the body turns {turns:4} (all in the body's axes), energy {energy}",
+    "share-of-load": "  the rest, {share:%}, is what the load and other potentials take "
+    "or give",
+    "left-open": "  * redundant closures between rigid links leave these open",
+    "antisymmetric-by-load": "  the load adds an antisymmetric part to K^{name}, "
+    "whatever springs",
+    "springs-give-it": "  independent springs give it exactly",
+    "coupled": "  joints must be coupled, up to {share:%}",
+    "coupled-actively": "  joints must be coupled, up to {share:%}; not positive "
+    "definite: active control",
+    "springs-miss-it": "  independent springs miss it by {share:%} at best (angles times "
+    "{length})",
+    "unstable-target": "  the posture is not stable with it: the target is not positive "
+    "definite",
+    "order-from": " ({order} by {order_from})",
+    "measured-springs": "the measured springs",
+    "tolerance-of-stiffness": "stiffness {size:%}",
+    "tolerance-of-length": "lengths {size}",
+    "tolerance-of-angle": "rotations {size}",
+    "principal-values-meet": "  principal values meet here: to first order their spread "
+    "is rough",
+    "main-parameter": "  most of the softest direction's variance: {name} ({share:%})",
     # a report
     "carries": "The mechanism carries {what:a}. It is {how}",
     "a-force": "a force of {size:4e}, {where}",
@@ -335,6 +386,36 @@ SENTENCES: dict[str, str] = {
 #: Titles of tables, where these are not their names.
 TITLES: dict[str, str] = {
     "assembly modes": "",
+    "analysis": "Analysis of {what}, at {at}",
+    "no analysis": "Analysis: there is neither stiffness nor compliance here",
+    "principal stiffness": "Principal stiffness, the other three freedoms held, and free",
+    "principal compliance": "Principal compliance, the other three freedoms held, and "
+    "free",
+    "directions": "Stiffness along and about lines through this point, other freedoms "
+    "held, and free",
+    "centres": "Centres, from {place} along the axes of the analysis",
+    "indices": "Indices, angles multiplied by the characteristic length {length}",
+    "eigenscrews": "Eigenscrews: twists answered by a wrench on the same screw",
+    "wrench-compliant axes": "Wrench-compliant axes: translation answered by a parallel "
+    "force",
+    "twist-compliant axes": "Twist-compliant axes: moment answered by a parallel "
+    "rotation",
+    "modes by length": "Modes with respect to the metric length^2 |omega|^2 + |v|^2",
+    "modes by inertia": "Modes with respect to the inertia of the body",
+    "choice of connection": "",
+    "connections": "Does the choice of connection matter here? Largest difference from "
+    "K^{reference} by block (r rotation, t translation), and its relative size",
+    "deflection": "Linear deflection (K^{connection}) under {wrench:4} at the point {at}",
+    "shares of displacement": "  shares of the displacement",
+    "shares of energy": "  shares of the energy",
+    "wrenches": "Wrenches in joints, closures, links and lines, along each frame's axes",
+    "target": "Joint stiffness for the target K^{connection}{order}",
+    "target springs": "",
+    "target matrix": "  matrix of joint stiffness that gives it exactly, rows and "
+    "columns in order",
+    "uncertainty": "Uncertainty from {of} (to first order; standard deviations)",
+    "every spread": "  every number, with the interval that holds {level:%}",
+    "what does not exist": "Does not exist here, or not to all digits",
     "stiffnesses": "Stiffness, {level} % intervals",
     "offsets": "Zeros and offsets, {level} % intervals",
     "predicted": "Predicted {level} % intervals of the file's stiffnesses",
@@ -573,22 +654,9 @@ def statement_sentences(answer: Answer, statements: Iterable[Statement]) -> list
     }
     if (load := answer.load) is not None:
         about["load"] = LoadKind(load.kind, load.at)  # type: ignore[arg-type]
-        about["wrench"] = wrench_parts(load, answer.units)
+        about["wrench"] = wrench_parts(load.force, load.moment, answer.units)
         about["at"] = Quantity(load.at, answer.units.length)
     return [sentence(SENTENCES[s.code], about | dict(s.values)) for s in statements]
-
-
-def wrench_parts(load: Load, units: Units) -> dict[str, Quantity]:
-    """Force and moment of a load by their names; what is zero, or round-off, is not
-    named, unless both are.
-    """
-    force, moment = (max(map(abs, part)) for part in (load.force, load.moment))
-    named = dict[str, Quantity]()
-    if force or not moment:
-        named["force"] = Quantity(load.force, units.force)
-    if moment > numerics.PRINTED_AS_ZERO * force:
-        named["moment"] = Quantity(load.moment, units.moment)
-    return named
 
 
 def sentence(template: str, values: Mapping[str, Any]) -> str:
@@ -646,7 +714,7 @@ def _quantity_words(quantity: Quantity, digits: int, letter: str) -> str:
     """A number, or numbers in brackets, with the unit."""
     x, (unit, per) = quantity.value, shown_unit(quantity.unit)
     if isinstance(x, tuple):
-        numbers = layout.vector([per * value for value in x], digits)
+        numbers = layout.vector([value and per * value for value in x], digits)
         return f"{numbers} {unit.removeprefix('1')}".rstrip()
     if letter == "n":
         return layout.number(x and per * x, digits)
@@ -669,6 +737,9 @@ WORDS = {
     "loaded equilibrium": "the equilibrium under load",
     "at-least": "at least",
     "not-identifiable": "not identifiable",
+    "positive": "positive definite",
+    "negative": "negative definite",
+    "file": "its file",
     "by all": "all compliances (D-optimal)",
     "by worst": "the widest interval",
     "by posture": "the deflection at the test posture",
