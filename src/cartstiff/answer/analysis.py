@@ -371,8 +371,8 @@ def _target(s: Section, u: Units, full: bool) -> Iterator[Table]:
             own = Quantity(fit["length"], u.length)
             below.append(said("springs-miss-it", share=fit["residual"], length=own))
     below += [said("unstable-target")] * (not t["stable"])
-    own = {key: t.get(key) for key in ("order", "order_from")}
-    order = [said("order-from", **own)] * ("order" in t)
+    by = {key: t.get(key) for key in ("order", "order_from")}
+    order = [said("order-from", **by)] * ("order" in t)
     yield table("target", (), (), *below, connection=name, order=order)
     # What independent springs have to be, and the matrix that gives it exactly.
     if fit is not None:
