@@ -808,13 +808,13 @@ class PathCost:
         """
         if self.recorded is None:
             return np.full_like(q, np.nan)
-        loads = None
+        loads: Array | None = None
         if self.loaded:
             poses = self.solver.kinematics.at(q).pose
-            loads = self.path.wrenches_in_body(points, poses).reshape(-1, 2, 3)
-            if not self.path.turns_with_body:
-                loads = loads @ poses[:, :3, :3].swapaxes(1, 2)
-            loads = loads.reshape(-1, 6)
+            given = self.path.wrenches_in_body(points, poses)
+            turns = np.eye(3) if self.path.turns_with_body else poses[:, :3, :3]
+            parts = given.reshape(-1, 2, 3) @ np.swapaxes(turns, -1, -2)
+            loads = parts.reshape(-1, 6)
         found = self.recorded.slopes(self.quantity.name, q, loads)
         if self.quantity.better == "smaller":
             return found["by_q"]
