@@ -23,6 +23,7 @@ from cartstiff.answer.data import (
     Table,
     said,
     table,
+    wrench_parts,
 )
 from cartstiff.answer.verdict import Verdict
 from cartstiff.arrays import plain
@@ -70,22 +71,17 @@ def _each(comparison: Comparison) -> Iterator[Statement]:
 
 def _loads(comparison: Comparison) -> list[Statement]:
     """The load along the axes of the room; that of each, if they differ."""
-    units, found = comparison.units, dict[str, dict[str, Quantity]]()
-    for x in (comparison.first, comparison.second):
-        if x.load is not None:
-            force, moment = (tuple(plain(part)) for part in (x.load[3:], x.load[:3]))
-            found[x.label] = {
-                "push": Quantity(force, units.force),
-                "twist": Quantity(moment, units.moment),
-            }
-    a, b = comparison.first.load, comparison.second.load
-    if (
-        a is not None
-        and b is not None
-        and np.allclose(a, b, rtol=0.0, atol=_SAME * abs(a).max())
-    ):
-        return [said("same-load", **next(iter(found.values())))]
-    return [said("load-of", label=label, **load) for label, load in found.items()]
+    both, units = (comparison.first, comparison.second), comparison.units
+    known = [(x.label, x.load) for x in both if x.load is not None]
+    each = [
+        said("load-of", label=label, load=wrench_parts(plain(W[3:]), plain(W[:3]), units))
+        for label, W in known
+    ]
+    if len(known) == 2:
+        a, b = (W for _, W in known)
+        if np.allclose(a, b, rtol=0.0, atol=_SAME * abs(a).max()):
+            return [said("same-load", load=each[0].values["load"])]
+    return each
 
 
 def _statements(comparison: Comparison, labels: dict[str, str]) -> Iterator[Statement]:
@@ -141,7 +137,8 @@ def _tables(comparison: Comparison, labels: dict[str, str]) -> Iterator[Table]:
     if without:
         yield table("not compared", ": <", without)
     # Shares of joints and links, side by side.
-    of, parts = comparison.shares or ("", {})
-    if any(None not in values for values in parts.values()):
-        shares = [Column(f"shares of the {of}"), *(Column(x, form="%") for x in names)]
-        yield table("", shares, [(name, *values) for name, values in parts.items()])
+    found = comparison.shares or {"parts": []}
+    rows = [tuple(part.values()) for part in found["parts"]]
+    if any(None not in row for row in rows):
+        of = Column(f"shares of the {found['of']}")
+        yield table("", [of, *(Column(x, form="%") for x in names)], rows)

@@ -37,6 +37,11 @@ from cartstiff.units import Units, shown_unit
 DISPLACEMENT, SOFTEST = "displacement under the load", "softest translation"
 #: Why two numbers have no ratio: where there is none, or one of them is not above zero.
 NoRatio = Literal["first", "second", "both", "sign"]
+_MISSING: dict[tuple[bool, bool], NoRatio] = {
+    (True, False): "first",
+    (False, True): "second",
+    (True, True): "both",
+}
 
 # Angle [rad] between the directions of a load in the room above which they are different
 # loads.
@@ -60,35 +65,30 @@ class ComparedNumber:
         Unit of both.
     first, second : float or None
         None where it does not exist.
+    ratio : float or None
+        The second over the first; None where one is missing or not above zero.
+    because : str or None
+        Why there is no ratio; None where there is one.
     """
 
     quantity: str
     unit: str
     first: float | None
     second: float | None
+    ratio: float | None = None
+    because: NoRatio | None = None
 
-    @property
-    def because(self) -> NoRatio | None:
-        """Why there is no ratio; None where there is one."""
-        if self.first is None:
-            return "both" if self.second is None else "first"
-        if self.second is None:
-            return "second"
-        return None if min(self.first, self.second) > 0.0 else "sign"
-
-    @property
-    def ratio(self) -> float | None:
-        """The second over the first.
-
-        None where one of them is missing or not above zero.
-        """
-        if self.because is not None or self.first is None or self.second is None:
-            return None
-        return self.second / self.first
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {**vars(self), "ratio": self.ratio, "because": self.because}
+    @classmethod
+    def of(
+        cls, quantity: str, unit: str, first: float | None, second: float | None
+    ) -> ComparedNumber:
+        """The numbers with their ratio, or why there is none."""
+        if first is None or second is None:
+            because = _MISSING[first is None, second is None]
+            return cls(quantity, unit, first, second, None, because)
+        if min(first, second) <= 0.0:
+            return cls(quantity, unit, first, second, None, "sign")
+        return cls(quantity, unit, first, second, second / first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,22 +245,24 @@ class Comparison(LabelledResult):
         if any(x.load is not None for x in both):
             at_rest = self.displacement_by == "equilibrium"
             moved, turned = zip(*(x.sizes(at_rest) for x in both), strict=True)
-            yield ComparedNumber(DISPLACEMENT, units.length, *moved)
-            yield ComparedNumber("rotation under the load", units.angle, *turned)
+            yield ComparedNumber.of(DISPLACEMENT, units.length, *moved)
+            yield ComparedNumber.of("rotation under the load", units.angle, *turned)
         for freedom, along in _FREEDOMS:
             unit = units.stiffness[freedom]
             a, b = (x.in_room(freedom) for x in both)
             for axis, first, second in zip("xyz", a, b, strict=True):
                 name = f"stiffness {along} {axis} of the room"
-                yield ComparedNumber(name, unit, first, second)
+                yield ComparedNumber.of(name, unit, first, second)
             for end in _ENDS:
                 found = (x.answer.extreme(end, freedom) for x in both)
                 values = (None if e is None else e.stiffness for e in found)
-                yield ComparedNumber(f"{end} {freedom}", unit, *values)
-        yield ComparedNumber("least condition number", "1", *(x.condition for x in both))
+                yield ComparedNumber.of(f"{end} {freedom}", unit, *values)
+        yield ComparedNumber.of(
+            "least condition number", "1", *(x.condition for x in both)
+        )
 
     @cached_property
-    def shares(self) -> tuple[str, dict[str, list[float | None]]] | None:
+    def shares(self) -> dict[str, Any] | None:
         """What joints or legs share ("displacement", "energy"), and their shares by name.
 
         None without a load, and where the mechanisms share different things.
@@ -269,8 +271,11 @@ class Comparison(LabelledResult):
         if a is None or b is None or a.of != b.of:
             return None
         first, second = ({part.name: part.share for part in x.parts} for x in (a, b))
-        names = {**first, **second}
-        return a.of, {name: [first.get(name), second.get(name)] for name in names}
+        parts = [
+            {"name": name, "first": first.get(name), "second": second.get(name)}
+            for name in {**first, **second}
+        ]
+        return {"of": a.of, "parts": parts}
 
     @cached_property
     def doubts(self) -> tuple[Note, ...]:
@@ -318,23 +323,8 @@ class Comparison(LabelledResult):
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON: the object printed by ``cartstiff compare --json``."""
-        shares = self.shares
-        own = {
-            "first": self.first.to_dict(),
-            "second": self.second.to_dict(),
-            "units": self.units.to_dict(),
-            "numbers": [number.to_dict() for number in self.numbers],
-            "shares": shares
-            and {
-                "of": shares[0],
-                "parts": [
-                    {"name": name, "first": a, "second": b}
-                    for name, (a, b) in shares[1].items()
-                ],
-            },
-            "notes": [note.to_dict() for note in self.notes],
-        }
-        return described("compare", own, self)
+        both = {"first": self.first.to_dict(), "second": self.second.to_dict()}
+        return described("compare", both | {"units": self.units.to_dict()}, self)
 
     def _lines(self) -> Iterator[str]:
         pair = f"{self.second.label} compared with {self.first.label}"

@@ -312,9 +312,8 @@ SENTENCES: dict[str, str] = {
     "compared": "{second} compared with {first}",
     "one": "  {label}: {kind}, {of}, at {place:4} of the room",
     "frames-apart": "  body frames {distance} apart",
-    "same-load": "  load: force {push:4}, moment {twist:4}, along the axes of the room",
-    "load-of": "  load of {label}: force {push:4}, moment {twist:4}, along the axes of "
-    "the room",
+    "same-load": "  load: {load:4}, along the axes of the room",
+    "load-of": "  load of {label}: {load:4}, along the axes of the room",
     "verdict-of": "{label}: {verdict}",
     "moves-by-first order": "Under the load {second} moves {ratio:3} times as far as "
     "{first} (to first order): {there:4e}, not {here:4e}",
