@@ -7,7 +7,6 @@ that all postures share, such as stiffnesses, are constants of the function.
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -214,15 +213,15 @@ def python_source(
     """A Python function of numbers: whether the posture is plainly regular,
     and the record.
     """
-    q_first = ", ".join(facts.arguments)
+    arguments = ", ".join(facts.arguments)
     lines = list[str]()
     if before.closing is not None:
         lines.append(f"q[:] = {name}_close(q)")
     if before.settling is not None:
-        lines.append(f"q[:] = {name}_settle({q_first})")
+        lines.append(f"q[:] = {name}_settle({arguments})")
     if before.terms:
         lines.append(f"{', '.join(before.terms)} = {name}_terms(q)")
-    body, outputs = _python_body(program, shared)
+    body, outputs = _body(program, shared, PYTHON)
     lines += [*body, f"*record, verdict = {', '.join(outputs)}"]
     lines.append(f"return verdict == {PLAIN!r} and isfinite(sum(record)), record")
     words = "\n    ".join(_words(facts, name, before.moves)[:-1])
@@ -231,7 +230,7 @@ def python_source(
         "",
         *before.text("python", name, facts.arguments, partial(_python_function, shared)),
         "",
-        f"def {name}({q_first}):",
+        f"def {name}({arguments}):",
         f'    """{words}\n    """',
         "    try:",
         *(f"        {line}" for line in lines),
@@ -242,15 +241,16 @@ def python_source(
     return "\n".join(parts)
 
 
-def _python_body(
-    program: Tape, shared: Mapping[str, Array]
+def _body(
+    program: Tape, shared: Mapping[str, Array], language: Language
 ) -> tuple[list[str], list[str]]:
-    """Lines that compute a program, and its outputs."""
-    lines, outputs, _, arrays = written(program, PYTHON)
-    heads = [
-        f"{short} = {np.ravel(shared[array]).tolist() if array in shared else array}"
-        for array, short in arrays.items()
-    ]
+    """Lines of Python or JavaScript that compute a program, and its outputs."""
+    lines, outputs, _, arrays = written(program, language)
+    heads = list[str]()
+    for array, short in arrays.items():
+        numbers = map(language.number, np.ravel(shared.get(array, ())).tolist())
+        known = f"[{', '.join(numbers)}]" if array in shared else array
+        heads.append(language.named.format(short, known))
     return [*heads, *lines], outputs
 
 
@@ -258,7 +258,7 @@ def _python_function(
     shared: Mapping[str, Array], program: Tape, name: str, arguments: Mapping[str, int]
 ) -> str:
     """A program as a function of lists."""
-    lines, outputs = _python_body(program, shared)
+    lines, outputs = _body(program, shared, PYTHON)
     body = "".join(f"    {line}\n" for line in lines)
     head = f"\ndef {name}({', '.join(arguments)}):\n"
     return f"{head}{body}    return [{', '.join(outputs)}]\n"
@@ -529,33 +529,21 @@ def javascript_source(
     if before.terms:
         lines += [f"const terms={name}_terms(q);", "if(!terms)return null;"]
         lines += [f"const [{','.join(before.terms)}]=terms;"]
-    body, (*record, verdict) = _javascript_body(program, shared)
-    lines += [body, f"return {verdict}==={PLAIN:g}?[{','.join(record)}]:null;"]
+    body, (*record, verdict) = _body(program, shared, JAVASCRIPT)
+    lines += [*body, f"return {verdict}==={PLAIN:g}?[{','.join(record)}]:null;"]
     write = partial(_javascript_function, shared)
     parts = [_comment(facts, name, before.moves), HELPERS]
     parts += before.text("javascript", name, facts.arguments, write)
     return "\n".join([*parts, f"function {name}({arguments}){{{''.join(lines)}}}\n"])
 
 
-def _javascript_body(program: Tape, shared: Mapping[str, Array]) -> tuple[str, list[str]]:
-    """Statements that compute a program, and its outputs."""
-    lines, outputs, _, arrays = written(program, JAVASCRIPT)
-    heads = []
-    for array, short in arrays.items():
-        numbers = (
-            json.dumps(np.ravel(shared[array]).tolist()) if array in shared else array
-        )
-        heads.append(f"const {short}={numbers};")
-    return "".join([*heads, *lines]), outputs
-
-
 def _javascript_function(
     shared: Mapping[str, Array], program: Tape, name: str, arguments: Mapping[str, int]
 ) -> str:
     """A program as a function of arrays."""
-    body, outputs = _javascript_body(program, shared)
+    body, outputs = _body(program, shared, JAVASCRIPT)
     head = f"function {name}({','.join(arguments)})"
-    return f"{head}{{{body}return [{','.join(outputs)}];}}"
+    return f"{head}{{{''.join(body)}return [{','.join(outputs)}];}}"
 
 
 def _comment(facts: Facts, name: str, is_moved: bool) -> str:
