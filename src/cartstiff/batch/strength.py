@@ -64,7 +64,8 @@ def effort_margin(source: Any) -> Any:
             used = absolute(x - 0.5 * (low + high)) * (2.0 / (high - low))
         else:
             ends = [x / end for end in (low, high) if np.isfinite(end) and end]
-            used = larger(*ends) if len(ends) > 1 else ends[0]
+            # A cable may pull as hard as it likes: nothing is used of no limit.
+            used = reduce(larger, ends) if ends else 0.0 * x
         each.append(used)
     return 1.0 - reduce(larger, each)
 
