@@ -37,7 +37,8 @@ def test_columns_in_memory_are_the_table_in_a_file(campaign):
     elastic, path, columns = campaign
     of_file = identify(elastic, read_measurements(path, elastic))
     lists = {name: values.tolist() for name, values in columns.items()}
-    for table in (path, str(path), columns, lists, Frame(columns)):
+    named = np.genfromtxt(path, delimiter=",", names=True, deletechars="")
+    for table in (path, str(path), columns, lists, Frame(columns), named):
         found = identify(elastic, table)
         stiffness = [e.stiffness for e in found.estimates]
         np.testing.assert_allclose(stiffness, [e.stiffness for e in of_file.estimates], rtol=1e-12)

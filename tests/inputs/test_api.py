@@ -1,14 +1,16 @@
 """The same refusals in Python: one family of errors, with the numbers that are wrong."""
 
+from copy import copy
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import read_yaml
+from tests.inner import LabelledResult, read_yaml
 
 import cartstiff
 from cartstiff import InputError
 from cartstiff.errors import UnknownNameError
+from cartstiff.extend import Mechanism, Potential
 
 GOOD = [0.1, -1.0, 1.2, 0.3, 0.9, 0.2]
 
@@ -133,3 +135,43 @@ def test_the_tangent_is_found_by_its_name():
     assert np.array_equal(K, found.at().matrices["load"])
     assert pytest.approx(np.eye(6), abs=1e-9) == K @ C
     assert list(found.matrices) == list(found.compliances) == ["A", "B", "K", "F"]
+
+
+def test_equal_means_the_same_object_of_mechanisms_energies_and_results():
+    """So `==` answers whatever arrays they hold, and each can be a key of a dict."""
+    arm = cartstiff.load("ur5")
+    for thing in (
+        arm,
+        arm.mechanism,
+        arm.springs,
+        cartstiff.load("cubic").springs,
+        *(kind(np.ones(n)) for kind, n in ((cartstiff.DeadForce, 3), (cartstiff.DeadWrench, 6))),
+        cartstiff.FollowerWrench(np.ones(6)),
+        cartstiff.Held({"x": 0.1}, np.eye(4)),
+        cartstiff.analyse(arm),
+        cartstiff.analyse(arm).B,
+        cartstiff.modes(arm),
+        cartstiff.equilibrium(arm),
+        cartstiff.analyse_many(arm, [arm.q]),
+        cartstiff.extend.Gravity(np.ones(3)),
+        cartstiff.geometry.levi_civita(np.eye(6)),
+        cartstiff.maps.Grid({"elbow_joint": (0, 1, 3)}, arm.names, arm.q),
+    ):
+        twin = copy(thing)
+        assert thing == thing
+        assert (thing == twin) is False
+        assert len({thing, twin}) == 2
+
+
+def test_every_energy_mechanism_and_result_is_equal_to_itself_alone():
+    """Also those that no line above makes."""
+
+    def below(kind):
+        for one in kind.__subclasses__():
+            yield one
+            yield from below(one)
+
+    kinds = {one for kind in (Potential, Mechanism, LabelledResult) for one in below(kind)}
+    own = [kind for kind in kinds if kind.__module__.startswith("cartstiff.")]
+    assert len(own) > 20
+    assert [kind.__name__ for kind in own if kind.__eq__ is not object.__eq__] == []

@@ -151,6 +151,12 @@ def test_tables_of_matrices(arm, loaded):
     data = postures.to_xarray()
     assert data.K_A.dims == ("posture", "wrench", "motion")
     np.testing.assert_array_equal(data.W, postures.wrench)
+    np.testing.assert_array_equal(data.given_wrench.sel(wrench=["mx", "fz"]), np.take(LOAD, [0, 5]))
+    each = cartstiff.analyse_many(arm, q, wrench=[LOAD, np.zeros(6)]).to_xarray()
+    assert each.given_wrench.sel(posture=1).values.tolist() == [0.0] * 6
+    units = {name: each[name].attrs["units"] for name in ("q", "given_wrench")}
+    assert units == {"q": "rad", "given_wrench": "N m, N"}
+    assert "given_wrench" not in cartstiff.analyse_many(arm, q).to_xarray()
     assert data.q.sel(coordinate="elbow_joint")[1] == arm.q[2]
     assert list(data.state.values) == ["regular"] * 2
     entries = postures.to_pandas()

@@ -482,6 +482,8 @@ class Postures:
         Mechanism, frames, units and load, as attributes of `to_xarray`.
     units : mapping
         Attributes of each output there.
+    loads : ndarray (6,) or (N, 6), or None
+        Wrench (moment, force) that was given for all, or for each; None without one.
     """
 
     q: Array
@@ -494,6 +496,7 @@ class Postures:
     fallback: int = 0
     about: Mapping[str, Any] = field(default_factory=dict)
     units: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    loads: Array | None = None
 
     def __getitem__(self, name: str) -> Array:
         try:
@@ -528,8 +531,9 @@ class Postures:
         return self.state == 0
 
     def to_xarray(self) -> Any:
-        """`xarray.Dataset` with labels: q, state, and every output;
-        matrices by their letters. Attributes say mechanism, frames, units and load.
+        """`xarray.Dataset` with labels: q, state, given_wrench, and every output;
+        matrices by their letters. Attributes say mechanism, frames, units, and how the
+        load acts.
 
         Raises
         ------
@@ -551,6 +555,14 @@ class Postures:
             "q": (("posture", "coordinate"), self.q),
             "state": (("posture",), np.array(self.codes)[self.state]),
         }
+        of_joints = dict.fromkeys(self.about.get("joint_units", "").split())
+        units = dict[str, Mapping[str, str]](q={"units": ", ".join(of_joints)})
+        if self.loads is not None:
+            arrays["given_wrench"] = (
+                ("posture", "wrench")[2 - self.loads.ndim :],
+                self.loads,
+            )
+            units["given_wrench"] = self.units["wrench"]
         for name, array in self.arrays.items():
             kind, _, letter = name.partition("_")
             if array.ndim == 1:  # also of quantities whose names begin likewise
@@ -566,8 +578,9 @@ class Postures:
             arrays[shown[name]] = ("posture", *axes.get(kind, own)), array
         labels = {**COMPONENTS, "posture": range(len(self)), "coordinate": self.names}
         dataset = with_labels(arrays, labels, path=self.path, **self.about)
-        for name, own_name in shown.items():
-            dataset[own_name].attrs.update(self.units.get(name, {}))
+        units |= {own: self.units.get(name, {}) for name, own in shown.items()}
+        for name, attributes in units.items():
+            dataset[name].attrs.update(attributes)
         return dataset
 
     def to_pandas(self) -> Any:

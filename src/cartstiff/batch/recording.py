@@ -273,6 +273,7 @@ class Recording:
             fallback,
             described(elastic, load if self.is_loaded else None, self.load_axes),
             units,
+            loads,
         )
 
     @property

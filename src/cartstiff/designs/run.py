@@ -400,7 +400,7 @@ def _reason(state: Array, lacking: Array) -> str:
 _MAX_PANELS = 6
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Designs(LabelledResult):
     """Results of a study.
 

@@ -1027,10 +1027,11 @@ def identify(
     ----------
     elastic : ElasticMechanism
         Its geometry is taken as known; its springs are the start of the search.
-    measured : Measurements, Path, str, mapping of str to array_like, or data frame
+    measured : Measurements, Path, str, mapping, structured array, or data frame
         From `read_measurements`; or what that reads with its defaults.
     sought, ties
-        Parameters to be found, see `cartstiff.identify.unknowns.unknowns_of`.
+        Parameters to be found, and those with one value, as of the options ``--unknown``
+        and ``--tie`` of the command.
     offsets : {"rigid", "translation", "none"}, optional
         Unknown part of the pose of the measuring frame in each session, for measured
         positions; default "rigid" if the table has sessions. Without sessions, positions

@@ -524,7 +524,7 @@ def read_measurements(
 
     Parameters
     ----------
-    table : Path, str, mapping of str to array_like, or data frame
+    table : Path, str, mapping of str to array_like, structured array, or data frame
         CSV with a line of column names, see the how-to "Which joint stiffness do I
         enter?"; or the same columns by name, as in a data frame of pandas.
     elastic : ElasticMechanism
@@ -555,8 +555,8 @@ def read_measurements(
     else:
         raise InputError(
             "measurements have no named columns",
-            expected="Measurements, the path of a CSV, a mapping of columns, or a data "
-            "frame",
+            expected="Measurements, the path of a CSV, a mapping of columns, a "
+            "structured array, or a data frame",
             got=type(table).__name__,
         )
     # Columns, by their heads.

@@ -44,7 +44,7 @@ class FileSpring:
     rest: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FileClosure:
     """A loop that the file closes: frame a coincides with frame b,
     or shares a point with it.
@@ -131,7 +131,7 @@ class Obstacle:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Lifted:
     """Gravity compensation: the part of a body's mass that weighs nothing,
     at a point of it.
@@ -142,7 +142,7 @@ class Lifted:
     point: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RobotDescription:
     """A robot as a reader returns it, whatever the format: lengths in m, angles in rad,
     kg, N.

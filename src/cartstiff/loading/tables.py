@@ -225,9 +225,13 @@ def read_cells(
 
 
 def is_table(value: Any) -> bool:
-    """Whether a value has named columns: a mapping of columns, or a data frame."""
-    return isinstance(value, Mapping) or (
-        hasattr(value, "columns") and hasattr(value, "to_numpy")
+    """Whether a value has named columns: a mapping of columns, a structured array,
+    or a data frame.
+    """
+    return (
+        isinstance(value, Mapping)
+        or (isinstance(value, np.ndarray) and value.dtype.names is not None)
+        or (hasattr(value, "columns") and hasattr(value, "to_numpy"))
     )
 
 
@@ -236,7 +240,7 @@ def cells_of(table: Any, what: str, joints: tuple[str, ...] = ()) -> Cells:
 
     Parameters
     ----------
-    table : mapping of str to sequence, or data frame
+    table : mapping of str to sequence, structured array, or data frame
         Columns by name; a data frame has ``columns`` and ``to_numpy()``, as that of
         pandas. Cells that are None or NaN are empty.
     what, joints
@@ -248,6 +252,8 @@ def cells_of(table: Any, what: str, joints: tuple[str, ...] = ()) -> Cells:
         For columns of different lengths, without names, or without rows.
     """
     where = f"{type(table).__name__} of {what}"
+    if isinstance(table, np.ndarray):
+        table = {name: table[name] for name in table.dtype.names or ()}
     # Columns by name, or a data frame's rows; then texts, as a file has them.
     if isinstance(table, Mapping):
         names, columns = [*table], [np.asarray(c, object) for c in table.values()]

@@ -37,7 +37,7 @@ _ROWS = {"weld": slice(0, 6), "point": slice(3, 6)}
 _CLOSED = numerics.ROUNDOFF_OF_SUMS
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Closure:
     """Frame b tied to frame a: a common point, or the same pose.
 
@@ -59,7 +59,7 @@ class Closure:
         return _ROWS[self.type]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ReferencePosture:
     """A closed posture of a chain, from which other postures are reached.
 

@@ -44,9 +44,12 @@ if TYPE_CHECKING:
     from cartstiff.mechanisms.identified import Identified
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ElasticMechanism(ShownInLines):
     """A mechanism and its potential energy, with a default posture.
+
+    `==` asks for the same object: what two mechanisms answer is compared by
+    `cartstiff.compare`.
 
     Attributes
     ----------

@@ -215,7 +215,7 @@ def limits_of_joint(model: pin.Model, index: int) -> tuple[float, float]:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FixedFrame:
     """A frame fixed to a joint of the tree: ``T_j_f`` with the joint's index."""
 
@@ -229,7 +229,7 @@ class FixedFrame:
 WORLD = FixedFrame(0, np.eye(4))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Route:
     """Joints on the path from one frame to another, in order.
 

@@ -22,7 +22,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.notes import Note
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SecondOrderMap:
     """A map of the coordinates at a posture, to second order.
 
@@ -449,7 +449,7 @@ class Potential(ABC):
         return None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PosePotential(Potential):
     """A potential that depends on the pose of one frame relative to another.
 

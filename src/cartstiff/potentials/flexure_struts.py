@@ -110,7 +110,7 @@ class StrutStates(NamedTuple):
     is_stable: Any
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FlexureStruts(LineSprings):
     """Struts with a flexure joint at either end.
 

@@ -61,7 +61,7 @@ def _symmetric(h: ArrayLike, n: int, name: str) -> Array:
     return h
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JointFunction(Potential):
     """Energy as a function of the joint coordinates.
 
@@ -97,7 +97,7 @@ class JointFunction(Potential):
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PoseFunction(PosePotential):
     """Energy as a function of a pose ``T_a_b``.
 

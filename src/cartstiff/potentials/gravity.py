@@ -8,7 +8,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, Posture, Potential
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Gravity(Potential):
     """Phi = -sum m_i g . c_i for a uniform acceleration g in F.
 

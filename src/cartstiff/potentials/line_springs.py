@@ -116,7 +116,7 @@ def second_derivative(geometry: LineGeometry, points: Array, weights: Array) -> 
     return _placed(turning, coupling, w.sum()) - (lines.T * w).dot(lines)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LineSprings(PosePotential, Springs):
     """Line springs between frames a and b.
 

@@ -178,7 +178,7 @@ def _dead_force(T_F_b: Array, force: Array, point: Array) -> tuple[float, Array,
     return energy, *held_force(force.dot(R), point, _OF_FORCE)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DeadForce(Load):
     """A force constant in the world, at a point of a frame: Phi = -f . p.
 
@@ -233,7 +233,7 @@ class DeadForce(Load):
         return replace(self, force=-self.lifted * acceleration) if self.lifted else self
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DeadWrench(Load):
     """A moment and a force constant in the world, at the origin of a frame.
 
@@ -287,7 +287,7 @@ class DeadWrench(Load):
         ].T @ moment
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SemitangentialWrench(Load):
     r"""A force constant in the world and a moment that turns by half, from dead forces.
 
@@ -340,7 +340,7 @@ class SemitangentialWrench(Load):
         return energy - float(np.trace(G)), alpha, rate
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FollowerWrench(Load):
     """A wrench constant in the moving frame: pressure, thrust,
     a tool that turns with the body.
@@ -381,7 +381,7 @@ class FollowerWrench(Load):
         return None if self.wrench[3:].any() else (0.0, self.wrench[:3])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scaled(Potential):
     """A multiple of another potential: a load that grows.
 

@@ -74,7 +74,7 @@ class Mount(NamedTuple):
         return motion, se3.adjoint(self.place) @ J
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class MountedStruts(FlexureStruts):
     """Struts on a compliant base, or with a compliant platform.
 

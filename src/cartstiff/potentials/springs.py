@@ -533,7 +533,7 @@ class Springs(Potential):
         return self.replaced(k, self.rest)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JointSprings(Springs):
     """One spring per coordinate.
 
@@ -733,7 +733,7 @@ def unheld(joint: str, torque: str, others: Collection[str]) -> InputError:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CoupledSprings(Potential):
     """A spring over several coordinates, Phi = 1/2 x^T K x, as in a compliant link.
 

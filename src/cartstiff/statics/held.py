@@ -52,7 +52,7 @@ def displacement_heads(units: Units, before: str) -> list[str]:
     return [f"{before}{c} [{u}]" for c, u in zip(COMPONENTS, of_each, strict=True)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Held:
     """Components of a frame's displacement that are held at given values.
 

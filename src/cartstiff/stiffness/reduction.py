@@ -71,7 +71,7 @@ from cartstiff.stiffness.motions import (
 from cartstiff.stiffness.rounding import force_roundoff, symmetric_part, zero_roundoff
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reduction(ShownInLines):
     """Result of equation (4) of `cartstiff.stiffness.reduction`, and the motions of (5).
 
