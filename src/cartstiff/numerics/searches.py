@@ -78,3 +78,69 @@ def least_change(
             break
         x = retract(x, np.asarray(step * min(1.0, longest_step / largest), float))
     return kept, best, seen
+
+
+def zero_between(
+    value: Callable[[float], float],
+    start: float,
+    end: float,
+    precision: float,
+    evaluations: int,
+) -> float:
+    """Where a continuous function changes its sign between two places.
+
+    Chandrupatla's method: inverse quadratic interpolation where the last three values
+    are nearly a straight line, else half of what is left. It is here because the import
+    of SciPy's searches takes as long as many an answer.
+
+    Parameters
+    ----------
+    value : callable
+        The function.
+    start, end : float
+        Places with values of different signs.
+    precision : float
+        Length of the interval in which the search ends.
+    evaluations : int
+        Bound on the number of evaluations.
+
+    Returns
+    -------
+    float
+        The place of the interval's ends with the smaller value.
+
+    References
+    ----------
+    Chandrupatla, Advances in Engineering Software 28 (1997) 145-149.
+    """
+    near, far, third = (start, value(start)), (end, value(end)), (start, 0.0)
+    share = 0.5
+    for _ in range(evaluations - 2):
+        best = min(near, far, key=lambda place: abs(place[1]))
+        left = abs(far[0] - near[0])
+        if best[1] == 0.0 or left <= precision:
+            return best[0]
+        x = near[0] + share * (far[0] - near[0])
+        found = x, value(x)
+        if (found[1] > 0.0) == (near[1] > 0.0):
+            third = near
+        else:
+            third, far = far, near
+        near = found
+        share = _share_of_way(near, far, third)
+        least = 0.5 * precision / abs(far[0] - near[0]) if far[0] != near[0] else 0.5
+        share = min(max(share, least), 1.0 - least)
+    return min(near, far, key=lambda place: abs(place[1]))[0]
+
+
+def _share_of_way(
+    near: tuple[float, float], far: tuple[float, float], third: tuple[float, float]
+) -> float:
+    """Share of the way from near to far at which `zero_between` looks next."""
+    (a, f), (b, g), (c, h) = near, far, third
+    if f == 0.0 or g == h:
+        return 0.5
+    way, rise = (a - b) / (c - b), (f - g) / (h - g)
+    if not (rise**2 < way and (1.0 - rise) ** 2 < 1.0 - way):
+        return 0.5
+    return f / (g - f) * h / (g - h) + (c - a) / (b - a) * f / (h - f) * g / (h - g)

@@ -439,11 +439,9 @@ def _bracketed(
     measure: Callable[[CurvePoint], float],
     precision: float = numerics.ATTAINABLE_PRECISION,
 ) -> list[CurvePoint]:
-    """The states that Brent's method visits while it brackets a change of sign,
+    """The states that a search visits while it brackets a change of sign,
     both ends first.
     """
-    from scipy.optimize import brentq
-
     states = [start, end]
     # A share of this motion's own stiffness, not of the stiffest one's.
     zero = numerics.ROUNDOFF_OF_SUMS * max(abs(measure(start)), abs(measure(end)))
@@ -457,14 +455,7 @@ def _bracketed(
     # At a crossing of curves the way back is ambiguous: the last state is then next to
     # it.
     with suppress(*_LOST):
-        brentq(
-            value,
-            0.0,
-            size,
-            xtol=precision * size,
-            maxiter=_BISECTIONS,
-            disp=False,
-        )
+        numerics.zero_between(value, 0.0, size, precision * size, _BISECTIONS)
     return states
 
 
