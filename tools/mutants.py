@@ -153,9 +153,9 @@ def written(mutant: Mutant) -> str:
 def _schema() -> Any:
     from jsonschema import Draft202012Validator
 
-    from cartstiff.loading.mechanism_file import json_schema
+    from cartstiff.extend import file_schema
 
-    return Draft202012Validator(json_schema())
+    return Draft202012Validator(file_schema())
 
 
 def is_wrong_by_schema(data: Any) -> bool:

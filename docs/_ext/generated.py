@@ -299,7 +299,10 @@ class PublicNames(_Text):
 
     def text(self) -> Iterator[str]:
         """The lines, in reStructuredText."""
-        yield from [".. list-table::", ""]
+        homes = [import_module(f"cartstiff.{home}") for home in self.arguments]
+        # A home that is no package has nothing of its own, and no page.
+        yield from (f".. py:module:: {m.__name__}" for m in homes if not hasattr(m, "__path__"))
+        yield from ["", ".. list-table::", ""]
         for home in self.arguments:
             module, names = import_module(f"cartstiff.{home}"), list[str]()
             for name in module.__all__:

@@ -7,7 +7,7 @@ import pytest
 from tools.screenshot import ready, settled
 
 import cartstiff
-from tests.inner import better_posture, better_sentences, direction_words
+from tests.inner import better_posture, better_statements, direction_words, words_of
 
 SIDEWAYS = np.array([0.0, 0.0, 0.0, 100.0, 0.0, 0.0])
 MILLI = {"m": 1e3, "mm": 1.0, "µm": 1e-3}
@@ -108,7 +108,7 @@ def test_a_better_posture(stranger):
     poses = [arm.mechanism.at(x).pose for x in (arm.q, q)]
     assert poses[0] == pytest.approx(poses[1], abs=1e-7)
     assert stranger.millimetres < 0.9 * before
-    for sentence in better_sentences(found, arm):
+    for sentence in words_of(better_statements(found, arm)):
         assert sentence.replace(" deg", "°") in stranger.reads(".found")
     stranger.page.keyboard.press("u")
     settled(stranger.page)

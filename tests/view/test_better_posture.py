@@ -14,8 +14,9 @@ from tests.inner import (
     Source,
     ViewState,
     better_posture,
-    better_sentences,
+    better_statements,
     in_units,
+    words_of,
 )
 from tests.view.test_report import ARM, HEAVY, Q, moved_by
 
@@ -82,7 +83,7 @@ def test_page_and_report_say_the_same():
     session = Session(Source(arm), lambda _: None)
     state = ViewState(load=tuple(W.tolist()), load_axes="world")
     answer = session.answer(Better(id=1, do="better", state=state)).data
-    assert answer["words"] == better_sentences(found, arm)
+    assert answer["words"] == words_of(better_statements(found, arm))
     assert answer["q"] == pytest.approx(found.q)
 
 
@@ -90,7 +91,7 @@ def test_what_gets_worse_is_said():
     """A sideways force on a panda: the body turns more there."""
     arm = cartstiff.load("panda")
     found = better_posture(arm, wrench=[0, 0, 0, 30, 0, 0], load_axes="world")
-    said = " ".join(better_sentences(found, arm))
+    said = " ".join(words_of(better_statements(found, arm)))
     assert {change.measure for change in found.worse} == {"rotation"}
     turned = []
     for q in (arm.q, found.q):
@@ -143,5 +144,5 @@ def test_difference_quotients_are_said():
     panda = cartstiff.load("panda")
     found = better_posture(panda, wrench=50 * np.array(DOWN), load_axes="world")
     assert found.reason == ""
-    said = better_sentences(replace(found, reason=cost.why_quotients), panda)
-    assert "difference quotients: " in " ".join(said)
+    said = better_statements(replace(found, reason=cost.why_quotients), panda)
+    assert "difference quotients: " in " ".join(words_of(said))

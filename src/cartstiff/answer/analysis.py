@@ -376,7 +376,8 @@ def _target(s: Section, u: Units, full: bool) -> Iterator[Table]:
     yield table("target", (), (), *below, connection=name, order=order)
     # What independent springs have to be, and the matrix that gives it exactly.
     if fit is not None:
-        columns = t["joints"], fit["stiffness"], t["torque"], t["are_lengths"]
+        torques = rounded(t["torque"], max(map(abs, t["torque"])))
+        columns = t["joints"], fit["stiffness"], torques, t["are_lengths"]
         rows = [
             (
                 joint,

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.answer.analysis import wrench_tables
+from cartstiff.answer.better import better_statements
 from cartstiff.answer.data import Answer, Quantity, Statement, said
 from cartstiff.answer.posture import answer_at, room_load
 from cartstiff.arrays import checked_vector
@@ -41,7 +42,6 @@ from cartstiff.page.report_parts import (
 from cartstiff.page.shown import distance_to_singularity
 from cartstiff.page.source import Source
 from cartstiff.report.answer import in_short
-from cartstiff.report.better import NONE_FOUND, better_sentences
 from cartstiff.report.layout import placed
 from cartstiff.report.sentences import (
     SENTENCES,
@@ -51,6 +51,7 @@ from cartstiff.report.sentences import (
     sentence,
     statement_sentences,
     title,
+    words_of,
 )
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import analyse
@@ -431,9 +432,7 @@ class _Page:
             )
         except UndefinedError:
             return []
-        if found is None:
-            return [NONE_FOUND]
-        return [" ".join(better_sentences(found, self.elastic))]
+        return [" ".join(words_of(better_statements(found, self.elastic)))]
 
     def _near(self) -> str:
         """How far the posture is from each kind of singularity."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.answer.better import better_statements
 from cartstiff.answer.posture import answer_at
 from cartstiff.arrays import checked_pose, named_values
 from cartstiff.batch.recorded_postures import RecordedPostures
@@ -55,8 +56,7 @@ from cartstiff.page.shown import (
 from cartstiff.page.source import Source, changed
 from cartstiff.page.what_if import what_if
 from cartstiff.report.analysis import summary_text
-from cartstiff.report.better import NONE_FOUND, better_sentences
-from cartstiff.report.sentences import answer_sentences, displacement_words
+from cartstiff.report.sentences import answer_sentences, displacement_words, words_of
 from cartstiff.scene.swing import swing_of
 from cartstiff.statics.command import analyse_commanded
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
@@ -460,9 +460,8 @@ class Session:
             load_axes=state.load_axes,
             point=state.point,
         )
-        if found is None:
-            return {"q": None, "words": [NONE_FOUND]}
-        return {"q": found.q.tolist(), "words": better_sentences(found, elastic)}
+        words = words_of(better_statements(found, elastic))
+        return {"q": None if found is None else found.q.tolist(), "words": words}
 
     def _sweep(self, message: Sweep) -> _Work:
         i, n = message.coordinate, len(self._q)

@@ -202,6 +202,26 @@ SENTENCES: dict[str, str] = {
     "the load",
     "near-singular": "{kind}: {ratio:3}, the smallest over the largest singular value, "
     "lengths in {length:4e}",
+    # a better posture
+    "none-better": "No better posture was found: with the tip where it is, none moves "
+    "{gain:e} less",
+    "tip-stays": "the tip stays where it is",
+    "tip-stays-turned": "the tip stays where it is, the tool turns by {turn:3} about its "
+    "z axis",
+    "better": "Better posture ({kept}): {gain:e} less displacement, {there:4e} instead "
+    "of {here:4e} (by the equilibrium)",
+    "better-moves": "Better posture ({kept}): {gain:e} less displacement, {there:4e} "
+    "instead of {here:4e} (by the equilibrium); {name} moves most, by {far:4e}",
+    "other-configuration": "It is another configuration of the arm",
+    "better-at": "It is at {places:4e}",
+    "worse": "Worse there: {worse}",
+    "nothing-worse": "Nothing else gets worse",
+    "worse-margin": "{of} is {there:4e} from its limit ({here:4e} here)",
+    "worse-stiffness": "the softest direction has {there:4e} ({here:4e} here)",
+    "worse-condition": "the condition number is {there:4e} ({here:4e} here)",
+    "worse-rotation": "the body turns by {there:4e} ({here:4e} here)",
+    "by-quotients": "The search followed difference quotients: {reason}",
+    "not-checked": "Collisions and the floor were not checked",
     # an equilibrium
     "no-load": "No load is given, and no wrench holds the body",
     "loads-included": "The loads are included in the stiffness; no other wrench holds "
@@ -658,6 +678,11 @@ def statement_sentences(answer: Answer, statements: Iterable[Statement]) -> list
     return [sentence(SENTENCES[s.code], about | dict(s.values)) for s in statements]
 
 
+def words_of(statements: Iterable[Statement]) -> list[str]:
+    """Whole sentences of statements that need nothing but their own values."""
+    return [f"{sentence(SENTENCES[s.code], s.values)}." for s in statements]
+
+
 def sentence(template: str, values: Mapping[str, Any]) -> str:
     """A sentence with its values."""
     return _Words().vformat(template, (), values)
@@ -723,7 +748,7 @@ def _quantity_words(quantity: Quantity, digits: int, letter: str) -> str:
         return f"{layout.number(x and per * x, digits)} {unit}"
     if quantity.unit == Units.angle:
         both = f"{x:.{digits}g} rad " * (letter == "p")
-        return f"{both}{per * x:.4g} {unit}"
+        return f"{both}{per * x + 0.0:.4g} {unit}"
     return engineering(x, quantity.unit, digits)
 
 

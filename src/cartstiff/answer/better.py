@@ -1,0 +1,59 @@
+"""What is said about a better posture, for the report and the page."""
+
+from __future__ import annotations
+
+from cartstiff.answer.data import Quantity, Statement, said
+from cartstiff.answer.posture import parts_of_links
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.toolpaths.better import USEFUL_GAIN, BetterPosture, Change
+from cartstiff.units import Units
+
+# Least angle (rad) that is worth a word: a tenth of a degree, rounded.
+_SMALLEST_TURN = 0.0009
+
+
+def better_statements(
+    found: BetterPosture | None, elastic: ElasticMechanism
+) -> list[Statement]:
+    """The gain and the joint that moves most; the coordinates; what gets worse."""
+    if found is None:
+        return [said("none-better", gain=Quantity(USEFUL_GAIN, "1"))]
+    units, coordinates = elastic.units, elastic.mechanism.coordinates
+    kept = said("tip-stays")
+    if abs(found.turn) >= _SMALLEST_TURN:
+        kept = said("tip-stays-turned", turn=Quantity(found.turn, units.angle))
+    here, there = (Quantity(x, units.length) for x in found.displacement)
+    about = {"kept": kept, "gain": Quantity(found.gain, "1"), "here": here}
+    about["there"] = there
+    statements = [said("better", **about)]
+    if (j := found.moves_most) is not None:
+        way = abs(found.q[j] - found.start[j])
+        far = Quantity(float(way), units.coordinate(coordinates[j].is_length))
+        statements = [said("better-moves", **about, name=coordinates[j].name, far=far)]
+    if not found.is_near:
+        statements.append(said("other-configuration"))
+    # Where it is, without what bends by itself, and what that costs.
+    links = parts_of_links(elastic)
+    places = {
+        c.name: Quantity(float(x), units.coordinate(c.is_length))
+        for c, x in zip(coordinates, found.q, strict=True)
+        if c.name not in links
+    }
+    statements.append(said("better-at", places=places))
+    worse = [_worse(change, units) for change in found.worse]
+    statements.append(said("worse", worse=worse) if worse else said("nothing-worse"))
+    if found.reason:
+        statements.append(said("by-quotients", reason=found.reason))
+    return [*statements, said("not-checked")]
+
+
+def _worse(change: Change, units: Units) -> Statement:
+    """A measure at both postures."""
+    unit = {
+        "margin": units.coordinate(not change.is_angle),
+        "stiffness": units.stiffness["translation"],
+        "condition": "",
+        "rotation": units.angle,
+    }[change.measure]
+    here, there = (Quantity(x, unit) for x in (change.here, change.there))
+    return said(f"worse-{change.measure}", of=change.of, here=here, there=there)
