@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 from collections.abc import Iterator
 
@@ -64,6 +65,15 @@ def test_a_public_name_has_one_home() -> None:
     last = [one.rpartition(".")[2] for one in found]
     assert sorted({name for name in last if last.count(name) > 1}) == ["identify"]
     assert len(cartstiff.__all__) <= NAMES
+
+
+def test_every_plot_takes_axes() -> None:
+    """Those of public classes, so that a user puts several pictures into one figure."""
+    homes = [cartstiff, *(getattr(cartstiff, home) for home in surface.HOMES)]
+    things = [getattr(home, name) for home in homes for name in home.__all__]
+    plots = [thing.plot for thing in things if isinstance(thing, type) and hasattr(thing, "plot")]
+    assert len(plots) > 8
+    assert [p.__qualname__ for p in plots if "ax" not in inspect.signature(p).parameters] == []
 
 
 def test_every_name_of_the_package_stands_in_the_reference() -> None:

@@ -84,7 +84,8 @@ class Sensitivities(Result, LabelledResult):
     left_out: str | None = None
 
     def of(self, name: str) -> Array:
-        """Return df/dp (k,) of a named parameter.
+        """Derivatives df/dp (k,) of the k natural frequencies by a named parameter, in Hz
+        per its unit.
 
         Raises
         ------
