@@ -258,8 +258,9 @@ def modules_of(name: str) -> Iterator[str]:
 
 def _has_members(name: str) -> bool:
     base = Path(cartstiff.__file__).parent.joinpath(*name.split(".")[1:])
-    path = base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    if not base.is_dir():  # a home, which has a stub, only leads to names of other modules
+        return not base.with_suffix(".pyi").exists()
+    tree = ast.parse((base / "__init__.py").read_text(encoding="utf-8"))
     kinds = (ast.FunctionDef, ast.ClassDef)
     # What stands in a branch, as for a type checker, is there too.
     branches = [m for n in tree.body if isinstance(n, ast.If) for m in (*n.body, *n.orelse)]
