@@ -19,17 +19,18 @@ def better_statements(
     if found is None:
         return [said("none-better", gain=Quantity(USEFUL_GAIN, "1"))]
     units, coordinates = elastic.units, elastic.mechanism.coordinates
-    kept = said("tip-stays")
+    turned: Statement | str = ""
+    moved: Statement | str = ""
     if abs(found.turn) >= _SMALLEST_TURN:
-        kept = said("tip-stays-turned", turn=Quantity(found.turn, units.angle))
-    here, there = (Quantity(x, units.length) for x in found.displacement)
-    about = {"kept": kept, "gain": Quantity(found.gain, "1"), "here": here}
-    about["there"] = there
-    statements = [said("better", **about)]
+        turned = said("tool-turns", turn=Quantity(found.turn, units.angle))
     if (j := found.moves_most) is not None:
         way = abs(found.q[j] - found.start[j])
         far = Quantity(float(way), units.coordinate(coordinates[j].is_length))
-        statements = [said("better-moves", **about, name=coordinates[j].name, far=far)]
+        moved = said("moves-most", name=coordinates[j].name, far=far)
+    here, there = (Quantity(x, units.length) for x in found.displacement)
+    gain = Quantity(found.gain, "1")
+    about = {"gain": gain, "here": here, "there": there}
+    statements = [said("better", turned=turned, moved=moved, **about)]
     if not found.is_near:
         statements.append(said("other-configuration"))
     # Where it is, without what bends by itself, and what that costs.

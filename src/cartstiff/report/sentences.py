@@ -205,13 +205,10 @@ SENTENCES: dict[str, str] = {
     # a better posture
     "none-better": "No better posture was found: with the tip where it is, none moves "
     "{gain:e} less",
-    "tip-stays": "the tip stays where it is",
-    "tip-stays-turned": "the tip stays where it is, the tool turns by {turn:3} about its "
-    "z axis",
-    "better": "Better posture ({kept}): {gain:e} less displacement, {there:4e} instead "
-    "of {here:4e} (by the equilibrium)",
-    "better-moves": "Better posture ({kept}): {gain:e} less displacement, {there:4e} "
-    "instead of {here:4e} (by the equilibrium); {name} moves most, by {far:4e}",
+    "better": "Better posture (the tip stays where it is{turned}): {gain:e} less "
+    "displacement, {there:4e} instead of {here:4e} (by the equilibrium){moved}",
+    "tool-turns": ", the tool turns by {turn:3} about its z axis",
+    "moves-most": "; {name} moves most, by {far:4e}",
     "other-configuration": "It is another configuration of the arm",
     "better-at": "It is at {places:4e}",
     "worse": "Worse there: {worse}",
