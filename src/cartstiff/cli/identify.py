@@ -69,14 +69,11 @@ class Table:
 
     Parameters
     ----------
-    axes
-        Axes of the columns mx, my, mz, fx, fy, fz; default base, and body in a table that
-        `cartstiff path` wrote. They are turned into those of the base.
     sd
         Standard deviation of a column, such as dx=0.02mm; else estimated.
     """
 
-    API: ClassVar = ("identify/measurements.py read_measurements",)
+    API: ClassVar = ("identify/measurements.py read_measurements axes=load_axes",)
 
     point: Point = None
     load_at: Point = None
