@@ -1,0 +1,46 @@
+"""A place where a function changes its sign, beside SciPy's search by Brent's method."""
+
+import math
+
+import pytest
+from scipy.optimize import brentq
+from tests.inner import numerics
+
+CASES = {
+    "cubic": (lambda x: x**3 - 2 * x - 5, 2.0, 3.0),
+    "cosine": (lambda x: math.cos(x) - x, 0.0, 1.0),
+    "steep": (lambda x: math.exp(-50 * x) - 1e-3, 0.0, 1.0),
+    "flat": (lambda x: (x - 0.3) ** 9, 0.0, 1.0),
+    "tiny": (lambda x: 1e-9 * (x - 0.7), 0.0, 1.0),
+    "jump": (lambda x: -1.0 if x < 0.123 else 2.0, 0.0, 1.0),
+    "at an end": (lambda x: x, 0.0, 1.0),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_zero_is_that_of_brents_method(name):
+    function, start, end = CASES[name]
+    seen = []
+
+    def counted(x):
+        seen.append(x)
+        return function(x)
+
+    found = numerics.zero_between(counted, start, end, 1e-10, 100)
+    assert found == pytest.approx(brentq(function, start, end, xtol=1e-12, maxiter=500), abs=2e-10)
+    assert min(seen) >= start
+    assert max(seen) <= end
+    assert len(seen) <= 60
+
+
+def test_the_bound_on_evaluations_is_kept():
+    """The best place so far is returned."""
+    seen = []
+
+    def counted(x):
+        seen.append(x)
+        return x - 1 / math.pi
+
+    found = numerics.zero_between(counted, 0.0, 1.0, 0.0, 6)
+    assert len(seen) <= 6
+    assert found == min(seen, key=lambda x: abs(x - 1 / math.pi))
