@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from math import degrees
+
 from cartstiff.answer.data import Quantity, Statement, said
 from cartstiff.answer.posture import parts_of_links
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.toolpaths.better import USEFUL_GAIN, BetterPosture, Change
 from cartstiff.units import Units
-
-# Least angle (rad) that is worth a word: a tenth of a degree, rounded.
-_SMALLEST_TURN = 0.0009
 
 
 def better_statements(
@@ -21,7 +20,7 @@ def better_statements(
     units, coordinates = elastic.units, elastic.mechanism.coordinates
     turned: Statement | str = ""
     moved: Statement | str = ""
-    if abs(found.turn) >= _SMALLEST_TURN:
+    if round(degrees(found.turn), 1):
         turned = said("tool-turns", turn=Quantity(found.turn, units.angle))
     if (j := found.moves_most) is not None:
         way = abs(found.q[j] - found.start[j])
