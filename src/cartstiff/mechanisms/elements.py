@@ -27,7 +27,6 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import CompliancePattern
 from cartstiff.potentials.contract import Parts, Potential
-from cartstiff.potentials.flexure_struts import ideal_joints_only
 from cartstiff.potentials.springs import PolynomialLaw, SpringLaw
 
 
@@ -55,10 +54,10 @@ class Elements:
         #: its parts and among all.
         self._parts: list[tuple[int, Potential, Sequence[str], list[int], slice]] = []
         springs, posture = elastic.springs, elastic.mechanism.at(elastic.q)
-        ideal_joints_only(springs, "sensitivities to springs")
         bent: set[str] = set()
         every = list(enumerate(elastic.labelled()))
         if springs is not None:
+            springs.require_ideal_joints("sensitivities to springs")
             bent = {elastic.spring_names[j] for j in springs.laws}
             every.insert(0, (-1, (springs, elastic.spring_names)))
         for part, (potential, given) in every:

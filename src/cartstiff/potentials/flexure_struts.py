@@ -277,6 +277,19 @@ class FlexureStruts(LineSprings):
     def lines_and_rest(self, posture: Posture) -> None:
         """None: their forces are not along lines."""
 
+    def require_ideal_joints(self, what: str) -> None:
+        """Refuse: `what` needs legs that are lines between ideal joints.
+
+        Raises
+        ------
+        InputError
+        """
+        raise InputError(
+            f"{what} take legs for springs along lines between ideal joints",
+            expected="legs with a stiffness",
+            got="struts with flexures",
+        )
+
     def shifted(self, posture: Posture, which: Sequence[int], less: Array) -> Self:  # noqa: ARG002
         """The same: their forces follow from rest lengths."""
         return self
@@ -519,21 +532,6 @@ class FlexureStruts(LineSprings):
             float(at.energy.sum()),
             at.wrench[0].sum(axis=0),
             at.stiffness[0].sum(axis=0),
-        )
-
-
-def ideal_joints_only(springs: object, what: str) -> None:
-    """Refuse struts with flexures where legs must be lines.
-
-    Raises
-    ------
-    InputError
-    """
-    if isinstance(springs, FlexureStruts):
-        raise InputError(
-            f"{what} take legs for springs along lines between ideal joints",
-            expected="legs with a stiffness",
-            got="struts with flexures",
         )
 
 

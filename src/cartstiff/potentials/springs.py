@@ -438,6 +438,9 @@ class Springs(Potential):
         """Springs (m,) that are to keep a given force at a posture, whatever acts."""
         return np.zeros(len(self.stiffness), bool)
 
+    def require_ideal_joints(self, what: str) -> None:
+        """Refuse springs that bend at their ends, for `what` they cannot have."""
+
     def linear(self, which: Container[int]) -> Self:  # noqa: ARG002
         """The same without the laws of some springs, and with none rigid."""
         return self

@@ -75,7 +75,7 @@ from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
-from cartstiff.potentials.flexure_struts import FlexureStruts, ideal_joints_only
+from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings, lines_of_many
 from cartstiff.results import LabelledResult
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load
@@ -437,7 +437,7 @@ def _limits_of_forces(platform: Platform, springs: LineSprings) -> Array | None:
         slack = np.where(springs.cables, 0.0, -np.inf)
         forces = np.column_stack([slack, np.full(m, np.inf)])
     if forces is not None:
-        ideal_joints_only(springs, "limits of forces")
+        springs.require_ideal_joints("limits of forces")
         if m < 6:
             raise InputError(
                 "the forces in fewer than six legs do not follow from a load", got=m
