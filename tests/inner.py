@@ -17,32 +17,30 @@ HOMES = {
         asymmetry centres congruence deflection ellipsoids indices matrices metrics posture
         screws tolerances
     """,
-    "analysis.asymmetry": "asymmetry_of compare_connections",
+    "analysis.asymmetry": "asymmetry_of",
     "analysis.centres": """
-        centre_of_compliance centre_of_elasticity centre_of_stiffness centres_of
-        decoupling_frame normal_form point_of_least_coupling
+        centre_of_compliance centre_of_elasticity centre_of_stiffness normal_form
+        point_of_least_coupling
     """,
-    "analysis.congruence": "cartesian_stiffness",
     "analysis.deflection": "compliance_deflection displacement_of_point joint_shares",
     "analysis.ellipsoids": """
         Freedom MatrixPair Others compliance_block compliance_ellipsoid ellipsoid
-        principal_pairs stiffness_about stiffness_along stiffness_block stiffness_ellipsoid
+        principal_pairs stiffness_block
     """,
-    "analysis.indices": "best_conditioned_length condition_numbers indices_of isotropy",
+    "analysis.indices": "isotropy",
     "analysis.matrices": """
         Definiteness ROTATION TRANSLATION loss_of_elimination move_compliance move_stiffness
         scale_lengths stiffnesses_of_motions with_angles_times
     """,
     "analysis.metrics": """
-        characteristic_length inertia_metric length_from_inertia length_metric length_of_pair
-        modes natural_length
+        characteristic_length inertia_metric length_from_inertia length_metric
+        length_of_pair modes
     """,
     "analysis.parameters": "Parameters largest",
     "analysis.posture": "PostureMatrices Reading summarise",
     "analysis.principal": "block_ellipsoid",
     "analysis.screws": """
-        SWAP_FORM eigenscrews screw_of_twist screw_of_wrench twist_compliant_axes
-        wrench_compliant_axes
+        SWAP_FORM screw_of_twist screw_of_wrench twist_compliant_axes wrench_compliant_axes
     """,
     "analysis.sections": "numbers unit_of",
     "analysis.tolerances": "Uncertain shares_of",
@@ -71,9 +69,7 @@ HOMES = {
     "batch.kernels": "Closer WORTH_RECORDING",
     "batch.own_outputs": "OwnOutputs",
     "batch.plans": "plan program_for",
-    "batch.quantities": """
-        BUILT_IN FREQUENCIES QUANTITIES Quantity Settings choose_quantities frequency_name
-    """,
+    "batch.quantities": "BUILT_IN FREQUENCIES Settings choose_quantities frequency_name",
     "batch.quick_poses": "QuickPoses",
     "batch.readings": "READINGS ascending eigenvalues largest_eigenvalue principal_values",
     "batch.recorded_postures": "RecordedPostures",
@@ -92,24 +88,22 @@ HOMES = {
     "cli.tables": "read_path_file",
     "cli.view": "Shown",
     "described": "SIGNS",
-    "designs.run": "Design Designs StudyEvaluator evaluator",
+    "designs.run": "Design Designs StudyEvaluator",
     "designs.study": "Case Study read_study",
     "errors": "one_line printable",
     "expressions": "Expression",
     "figures": "figure_content new_figure",
-    "geometry.charts": "Chart exponential from_pose_function paper product_of_exponentials",
+    "geometry.charts": "Chart exponential product_of_exponentials",
     "geometry.connections": "Field NAMED flat",
-    "geometry.differences": "derivative_with_error gradient_and_hessian jacobian",
+    "geometry.differences": "derivative_with_error",
     "geometry.se3": "Array adjoint exp log right_jacobian se3_inverse=inverse",
     "gradients": "gradients_matrices=matrices",
     "gradients.gradient": "gradient_Question=_Question",
     "gradients.matrices": "_Question",
     "gradients.objectives": "OfFunction OfQuantity",
     "identify.fitting": "linear_fit rates_by_step",
-    "identify.identification": "identify with_result written_values",
-    "identify.measurements": """
-        DISPLACEMENT Measurements measurements_ROTATION=ROTATION read_measurements table_text
-    """,
+    "identify.identification": "with_result written_values",
+    "identify.measurements": "DISPLACEMENT measurements_ROTATION=ROTATION table_text",
     "identify.models": "LoadedModel Model model_of",
     "identify.plan": "candidates information plan_plan=plan",
     "identify.unknowns": "unknowns_of",
@@ -128,16 +122,17 @@ HOMES = {
     """,
     "loading.assembly": "Assembly Part",
     "loading.catalogue": "bundled bundled_files bundled_folder example_robot example_robots",
-    "loading.description": "FileSpring Lifted Obstacle RobotDescription",
+    "loading.description": "Lifted Obstacle",
     "loading.frames": "default_frame",
     "loading.joints": "cut",
-    "loading.mechanism_file": "file_schema",
+    "loading.leg_schema": "ParallelFile",
     "loading.mesh_worker": "corner_normals",
     "loading.meshes": "read_meshes",
     "loading.mjcf": "reading worker",
     "loading.passes": "ASSUMED_STIFFNESS",
+    "loading.platform_schema": "PlatformFile",
     "loading.published": "published_springs",
-    "loading.readers": "FORMATS read_robot_description",
+    "loading.readers": "read_robot_description",
     "loading.ros": "Ros",
     "loading.schema": "ClosedChainFile SerialFile",
     "loading.tables": "head_of read_rows",
@@ -146,7 +141,7 @@ HOMES = {
     "maps": "cartesian described sampling store",
     "maps.job": "MapJob STATES",
     "maps.pictures": "histogram",
-    "maps.reading": "open_map state_names",
+    "maps.reading": "state_names",
     "maps.run": "map_job packed part_elsewhere planned prepare_map run_map",
     "maps.sampling": "chunk_shape usual_chunk",
     "maps.store": "CHECKSUM MapFile",
@@ -154,16 +149,14 @@ HOMES = {
     "mechanisms": "chain tree",
     "mechanisms.chain": "Chain Closure",
     "mechanisms.clearances": "distances_of_segments",
-    "mechanisms.contract": "Coordinate MechanismPosture Skeleton",
     "mechanisms.elements": "Elements",
     "mechanisms.flexible_links": "Give VIRTUAL",
     "mechanisms.gravity_loads": "gravity_loads",
     "mechanisms.identity": "_PARTS fingerprint identity_of",
     "mechanisms.limits": "Limits tensions_of",
-    "mechanisms.other_units": "in_units",
-    "mechanisms.platform": "LegLimits Platform PlatformPosture Struts",
+    "mechanisms.platform": "LegLimits PlatformPosture Struts",
     "mechanisms.shapes": "Box",
-    "mechanisms.tree": "KinematicTree TreeState add_joint",
+    "mechanisms.tree": "KinematicTree TreeState",
     "mechanisms.tree_building": "extended merged plain_tree tree_building_Give=Give",
     "notes": "DOUBTS Note assumed_stiffness",
     "numerics": "CONSTRAINT_TOLERANCE shortest_above threads",
@@ -186,11 +179,10 @@ HOMES = {
         swept_range
     """,
     "page.source": "Cloud Playback Source cloud_of_workspace read_cloud read_trajectory",
-    "potentials.beams": "Beam Section evaluate_together stability_functions",
-    "potentials.contract": "Evaluation Posture SecondOrderMap contract_Number=Number",
+    "potentials.beams": "Section evaluate_together stability_functions",
+    "potentials.contract": "Posture",
     "potentials.flexure_struts": "Flexure FlexureStruts",
     "potentials.functions": "TaylorCheck",
-    "potentials.gravity": "Gravity",
     "potentials.line_springs": "line_geometry",
     "potentials.loads": "Scaled SemitangentialWrench",
     "potentials.mounted_struts": "MountedStruts",
@@ -201,7 +193,6 @@ HOMES = {
     "report.analysis": "describe describe_equilibrium summary_text",
     "report.answer": "answer_text",
     "report.frames": "describe_frames frames_of",
-    "report.json_schema": "json_schema",
     "report.layout": "percent",
     "report.maps": "map_section",
     "report.output": "save_figure write_json",
@@ -211,8 +202,6 @@ HOMES = {
     "results": "LabelledResult",
     "ros_packages": "package_folders search_path",
     "scene": "objects theme",
-    "scene.appearance": "Appearance",
-    "scene.ellipsoids": "add_ellipsoid",
     "scene.environment": "scene_units",
     "scene.labels": "text_png",
     "scene.mechanism": "ChainPicture extent",
@@ -221,9 +210,8 @@ HOMES = {
     "scene.scales": "Tension round_number",
     "scene.swing": "swing_of",
     "scene.theme": "COLOURS",
-    "scene.viewer": "RecordingWindow ViewerNode",
+    "scene.viewer": "ViewerNode",
     "statics": "problem",
-    "statics.equilibrium": "relaxed",
     "statics.held": "displacement_between",
     "statics.problem": "System",
     "statics.small_motions": "spectrum_of",
@@ -239,8 +227,8 @@ HOMES = {
     "toolpaths.better": "LoadedPostures better_posture",
     "toolpaths.optimise": "NEARBY Steps best_way criteria",
     "units": "SI Units convert_length engineering",
-    "vibration.controllers": "double_diagonalisation impedance square_root_damping",
-    "vibration.response": "Damping damping_matrix frequency_response poles transmissibility",
+    "vibration.controllers": "double_diagonalisation square_root_damping",
+    "vibration.response": "damping_matrix poles transmissibility",
     "vibration.sensitivities": "MATRICES",
     "writing": "create_folder write_whole",
 }

@@ -107,8 +107,12 @@ def _wrong_kind(
     }
     for name in [n for n, hint in hints.items() if typing.get_origin(hint) is Unpack]:
         (of_keys,) = typing.get_args(hints[name])
+        known = of_keys.__annotations__
+        for key in given[name].keys() - known:
+            words = [*(n for n in signature.parameters if n != name), *known]
+            return UnknownArgumentError(f"argument of {function.__name__}", key, words)
         given |= given.pop(name)
-        for key, hint in of_keys.__annotations__.items():
+        for key, hint in known.items():
             hints[key] = _resolved(hint.__forward_arg__, function)
     for name, value in given.items():
         hint = hints[name]

@@ -13,20 +13,11 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
-from tests.inner import (
-    Design,
-    Designs,
-    Study,
-    StudyEvaluator,
-    command,
-    evaluator,
-    json_schema,
-    postures,
-    read_study,
-)
+from tests.inner import Design, Designs, Study, StudyEvaluator, command, postures, read_study
 
 import cartstiff
 from cartstiff import InputError, UndefinedError
+from cartstiff.extend import evaluator, json_schema
 
 HEXAGONS = """\
 kind: stewart-gough

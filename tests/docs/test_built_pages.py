@@ -7,7 +7,8 @@ from urllib.parse import urlsplit
 import pytest
 from tests.docs.blocks import ROOT
 from tests.docs.html_pages import Page, broken
-from tests.inner import QUANTITIES
+
+from cartstiff.extend import QUANTITIES
 
 DOCS, SOURCES = ROOT / "docs", ROOT / "src" / "cartstiff"
 
@@ -55,7 +56,7 @@ def test_every_module_is_in_the_reference(built):
 
 
 def test_schema_page_has_every_key(built):
-    from tests.inner import file_schema
+    from cartstiff.extend import file_schema
 
     text = re.sub(r"<[^>]+>", "", _page(built, "reference/mechanism-file.html").text)
     for model in file_schema()["$defs"].values():

@@ -7,7 +7,9 @@ from unittest.mock import patch
 
 import pytest
 from tests.docs.blocks import ROOT, agree, blocks_of, pages, run_page
-from tests.inner import QUANTITIES, example_robots, main
+from tests.inner import example_robots, main
+
+from cartstiff.extend import QUANTITIES
 
 DOCS, SOURCES = ROOT / "docs", ROOT / "src" / "cartstiff"
 _LARGEST_GALLERY = 1_500_000

@@ -12,7 +12,6 @@ from tests.inner import (
     Reading,
     bundled_files,
     example_robots,
-    json_schema,
     numbers,
     summarise,
     unit_of,
@@ -22,6 +21,7 @@ import cartstiff
 from cartstiff import DeadForce, FollowerWrench, analyse_posture, equilibrium
 from cartstiff.analysis import Tolerances
 from cartstiff.errors import UnknownNameError
+from cartstiff.extend import json_schema
 
 jsonschema = pytest.importorskip("jsonschema")
 ROBOTS = {"ur5", "ur10", "panda", "xarm7"}

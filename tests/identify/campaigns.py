@@ -9,10 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tests.inner import Measurements, bundled, candidates, model_of, read_yaml, unknowns_of
+from tests.inner import bundled, candidates, model_of, read_yaml, unknowns_of
 
 import cartstiff
 from cartstiff.geometry import se3
+from cartstiff.identify import Measurements
 
 _JOINTS = {
     # name: (type, origin, axis) of each joint

@@ -9,11 +9,12 @@ import pytest
 from scipy.optimize import minimize
 from tests.identify.campaigns import SPRINGS, arm, load, measurements, random_campaign, table_of
 from tests.identify.test_zeros import _urdf, campaign
-from tests.inner import answer_of_identification, answer_text, identify, read_measurements
+from tests.inner import answer_of_identification, answer_text
 from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff import InputError
+from cartstiff.identify import identify, read_measurements
 
 
 def _table(folder, elastic, *, force=1.0, moved=1.0, heads=None, rows=40):

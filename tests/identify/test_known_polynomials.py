@@ -10,11 +10,13 @@ import pytest
 from tests.identify.campaigns import jacobian, load
 from tests.identify.neighbours import neighbours
 from tests.identify.test_polynomials import _campaign, _five_bar, _pulled
-from tests.inner import identify, in_units, with_result
+from tests.inner import with_result
 from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff import DeadForce, analyse_posture
+from cartstiff.extend import in_units
+from cartstiff.identify import identify
 
 Q = np.array([0.3, 0.5, 0.9, 0.2, 0.7, -0.3])
 FORCE = np.array([0, 0, 0, 40.0, -30.0, -160.0])

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, simulated, table_of
 from tests.identify.neighbours import neighbours
-from tests.inner import candidates, displacement_between, identify, in_units, with_result
+from tests.inner import candidates, displacement_between, with_result
 from tests.support.commands import run
 
 import cartstiff
 from cartstiff import DeadWrench, compensate, equilibrium
+from cartstiff.extend import in_units
+from cartstiff.identify import identify
 
 FORCE = np.array([0, 0, 0, 30.0, -20.0, -60.0])
 PLACES = [[0.3, 0.5, 0.9, 0.2, 0.7, -0.3], [-0.4, 0.8, 0.5, -0.6, 0.9, 0.1]]

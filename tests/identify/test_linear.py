@@ -7,11 +7,12 @@ import pytest
 from scipy.linalg import lstsq
 from scipy.stats import t as student
 from tests.identify.campaigns import SPRINGS, arm, jacobian, load, random_campaign, table_of
-from tests.inner import identify, json_schema, read_measurements
 from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff import analyse_posture
+from cartstiff.extend import json_schema
+from cartstiff.identify import identify, read_measurements
 
 jsonschema = pytest.importorskip("jsonschema")
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from scipy import stats
 from tests.identify.campaigns import LOOP_UNKNOWNS, bent_loop
-from tests.inner import identify, unknowns_of
+from tests.inner import unknowns_of
+
+from cartstiff.identify import identify
 
 
 def test_the_fit_of_a_loop_with_many_unknowns_ends(tmp_path):

@@ -19,19 +19,12 @@ from tests.identify.campaigns import (
     table_of,
     write_table,
 )
-from tests.inner import (
-    LoadedModel,
-    Model,
-    bundled,
-    candidates,
-    identify,
-    read_measurements,
-    unknowns_of,
-)
+from tests.inner import LoadedModel, Model, bundled, candidates, unknowns_of
 
 import cartstiff
 from cartstiff import DeadForce, equilibrium
 from cartstiff.geometry import se3
+from cartstiff.identify import identify, read_measurements
 
 
 def _softer(elastic, factors):

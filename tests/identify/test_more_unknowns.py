@@ -7,17 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.identify.campaigns import arm, load, simulated
-from tests.inner import (
-    candidates,
-    identify,
-    keys_to_write,
-    mechanism_file,
-    unknowns_of,
-    written_values,
-)
+from tests.inner import candidates, keys_to_write, mechanism_file, unknowns_of, written_values
 
 import cartstiff
 from cartstiff import InputError
+from cartstiff.identify import identify
 
 LINK = """
 flexible:

@@ -8,20 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, simulated
-from tests.inner import (
-    Model,
-    candidates,
-    identify,
-    information,
-    linear_fit,
-    read_measurements,
-    table_text,
-    unknowns_of,
-)
+from tests.inner import Model, candidates, information, linear_fit, table_text, unknowns_of
 from tests.inner import plan_plan as plan
 from tests.support.commands import answer, run
 
 import cartstiff
+from cartstiff.identify import identify, read_measurements
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,13 @@ import json
 import numpy as np
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, jacobian, load, measurements, simulated, table_of
-from tests.inner import LoadedModel, Model, candidates, identify, read_measurements, unknowns_of
+from tests.inner import LoadedModel, Model, candidates, unknowns_of
 from tests.inner import plan_plan as plan
 from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff import ConvergenceError, DeadForce, InputError
+from cartstiff.identify import identify, read_measurements
 
 TRUE = (2.5e4, 3.0e5, 4.0e8)
 # Jacobians by differences of poses; differences of predictions by the parameters.

@@ -10,9 +10,9 @@ import pytest
 import scipy.linalg
 import scipy.stats
 from cases.case import read_case
-from tests.inner import identify, read_measurements
 
 import cartstiff
+from cartstiff.identify import identify, read_measurements
 
 CASE = Path(__file__).parents[2] / "cases" / "fanuc-measured-compliance"
 # Two ways to the same least squares, of condition 90.

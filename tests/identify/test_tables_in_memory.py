@@ -5,9 +5,9 @@ import csv
 import numpy as np
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
-from tests.inner import identify, read_measurements
 
 from cartstiff import InputError
+from cartstiff.identify import identify, read_measurements
 
 
 class Frame:

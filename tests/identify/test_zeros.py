@@ -12,10 +12,7 @@ from tests.inner import (
     answer_of_identification,
     answer_text,
     candidates,
-    identify,
-    in_units,
     rates_by_step,
-    read_measurements,
     unknowns_of,
 )
 from tests.inner import plan_plan as plan
@@ -23,6 +20,8 @@ from tests.support.commands import run
 
 import cartstiff
 from cartstiff import DeadWrench, InputError
+from cartstiff.extend import in_units
+from cartstiff.identify import identify, read_measurements
 
 JOINTS = (
     "shoulder_pan_joint",

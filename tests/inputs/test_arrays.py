@@ -6,18 +6,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from mpmath import mpf
-from tests.inner import (
-    checked_array,
-    checked_pose,
-    checked_unit,
-    move_stiffness,
-    real_array,
-    stiffness_along,
-)
+from tests.inner import checked_array, checked_pose, checked_unit, move_stiffness, real_array
 from tests.support.commands import refuses
 
 import cartstiff
 from cartstiff import DeadForce, InputError, analyse_many
+from cartstiff.analysis import stiffness_along
 from cartstiff.geometry import se3
 
 DATES = np.array(["NaT"] * 6, "datetime64[s]")

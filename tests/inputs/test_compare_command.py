@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import example_robots, json_schema
+from tests.inner import example_robots
 from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff import InputError
+from cartstiff.extend import json_schema
 
 jsonschema = pytest.importorskip("jsonschema")
 

@@ -4,11 +4,12 @@ import json
 import math
 
 import pytest
-from tests.inner import bundled_files, describe_frames, example_robots, frames_of, json_schema
+from tests.inner import bundled_files, describe_frames, example_robots, frames_of
 from tests.mechanisms.machines import joint, write_file, write_urdf
 from tests.support.commands import answer, run
 
 import cartstiff
+from cartstiff.extend import json_schema
 
 ROBOTS = {"ur5", "ur10", "panda", "xarm7"}
 

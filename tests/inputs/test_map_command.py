@@ -102,7 +102,7 @@ def test_cartesian_grid_in_one_option():
 
 
 def test_quantities_are_listed():
-    from tests.inner import QUANTITIES
+    from cartstiff.extend import QUANTITIES
 
     out = run("models --quantities")
     for name in QUANTITIES:

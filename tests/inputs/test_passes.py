@@ -9,15 +9,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from tests.inner import (
-    FORMATS,
     Assembly,
     ClosedChainFile,
-    FileSpring,
     Lifted,
     Part,
-    RobotDescription,
     SerialFile,
-    add_joint,
     joints,
     passes,
     read_robot_description,
@@ -27,6 +23,7 @@ from tests.mechanisms.machines import joint, masses, write_file, write_urdf
 import cartstiff
 from cartstiff import InputError
 from cartstiff.errors import UnknownNameError
+from cartstiff.extend import FORMATS, FileSpring, RobotDescription, add_joint
 from cartstiff.geometry import se3
 
 #: Functions that users call, whose arguments are options of their own.

@@ -5,10 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from tests.inner import relaxed, with_rest_balancing
+from tests.inner import with_rest_balancing
 from tests.support.commands import outcome
 
 import cartstiff
+from cartstiff import relaxed
 
 #: The held pose is kept, and lengths are met, to the rounding of a few steps.
 KEPT = 1e-11

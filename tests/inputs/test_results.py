@@ -7,10 +7,11 @@ import pkgutil
 
 import numpy as np
 import pytest
-from tests.inner import LabelledResult, impedance
+from tests.inner import LabelledResult
 from tests.support.commands import refuses
 
 import cartstiff
+from cartstiff.vibration import impedance
 
 xarray = pytest.importorskip("xarray")
 Figure = pytest.importorskip("matplotlib.figure").Figure

@@ -3,20 +3,13 @@
 import numpy as np
 import pytest
 from tests.identify.campaigns import simulated
-from tests.inner import (
-    DISPLACEMENT,
-    Units,
-    csv_rows,
-    csv_text,
-    read_measurements,
-    read_rows,
-    table_text,
-)
+from tests.inner import DISPLACEMENT, Units, csv_rows, csv_text, read_rows, table_text
 from tests.inner import measurements_ROTATION as ROTATION
 from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff import InputError
+from cartstiff.identify import read_measurements
 
 
 def table(tmp_path, text, **keys):

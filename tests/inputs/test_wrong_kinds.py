@@ -5,6 +5,7 @@ from operator import attrgetter
 
 import numpy as np
 import pytest
+from tests.inner import ParallelFile, PlatformFile, map_job
 from tests.surface import names
 
 import cartstiff
@@ -130,6 +131,43 @@ def test_a_mistyped_keyword_is_answered_with_the_nearest(call, nearest):
             call(arm)
     with pytest.raises(TypeError, match="positional"):
         cartstiff.analyse(arm, None, None, None, None)
+
+
+def test_keywords_that_are_passed_on_are_listed_for_type_checkers():
+    """All but the axes of a map, which have the names of its joints."""
+    unlisted = []
+    for name in names():
+        thing = attrgetter(name)(cartstiff)
+        methods = vars(thing).items() if inspect.isclass(thing) else ()
+        own = [(f"{name}.{word}", one) for word, one in methods if not word.startswith("_")]
+        for place, one in [(name, thing)] * inspect.isfunction(thing) + own:
+            if inspect.isfunction(one):
+                unlisted += [
+                    place
+                    for parameter in inspect.signature(one).parameters.values()
+                    if parameter.kind is parameter.VAR_KEYWORD
+                    and not str(parameter.annotation).startswith("Unpack[")
+                ]
+    assert unlisted == ["maps.slice_map"]
+
+
+@pytest.mark.parametrize(
+    ("function", "takes"),
+    [
+        (cartstiff.maps.map_of, {*inspect.signature(map_job).parameters, "chunk", "command"}),
+        (cartstiff.hexapod, {*PlatformFile.model_fields}),
+        (cartstiff.parallel, {*ParallelFile.model_fields}),
+    ],
+)
+def test_the_list_has_what_the_function_passes_on(function, takes):
+    """Its own parameters and those of the list are all; keys of `layout` are spread out."""
+    inner = inspect.unwrap(function)
+    own = inspect.signature(inner).parameters
+    (keys,) = (p.annotation for p in own.values() if p.kind is p.VAR_KEYWORD)
+    listed = inner.__globals__[keys.removeprefix("Unpack[").removesuffix("]")].__annotations__
+    parts = {"height", "turn", "symmetry", "cubic"} & own.keys()
+    plain = {name for name, p in own.items() if p.kind is not p.VAR_KEYWORD} - parts
+    assert plain | listed.keys() == takes - {"kind", "layout"}
 
 
 #: Words that public functions share, in the order in which they have them.

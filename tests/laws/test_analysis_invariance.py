@@ -13,38 +13,40 @@ from tests.inner import (
     Freedom,
     Others,
     asymmetry_of,
-    best_conditioned_length,
     centre_of_compliance,
     centre_of_elasticity,
     centre_of_stiffness,
-    centres_of,
-    compare_connections,
     compliance_block,
-    condition_numbers,
-    decoupling_frame,
-    eigenscrews,
     ellipsoid,
-    in_units,
-    indices_of,
     inertia_metric,
     length_metric,
     modes,
     move_compliance,
     move_stiffness,
-    natural_length,
     normal_form,
     point_of_least_coupling,
     scale_lengths,
-    stiffness_about,
-    stiffness_along,
     stiffness_block,
-    stiffness_ellipsoid,
     twist_compliant_axes,
     wrench_compliant_axes,
 )
 
 import cartstiff
 from cartstiff import UndefinedError, analyse_posture
+from cartstiff.analysis import (
+    best_conditioned_length,
+    centres_of,
+    compare_connections,
+    condition_numbers,
+    decoupling_frame,
+    eigenscrews,
+    indices_of,
+    natural_length,
+    stiffness_about,
+    stiffness_along,
+    stiffness_ellipsoid,
+)
+from cartstiff.extend import in_units
 from cartstiff.geometry import BI_INVARIANT, CARTAN_MINUS, CARTAN_PLUS, KINEMATIC, se3
 
 # Condition numbers of the samples stay below 1e4: sixteen digits less four, less a factor for

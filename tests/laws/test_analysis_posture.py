@@ -9,16 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import (
-    LETTERS,
-    Evaluation,
-    Parameters,
-    Posture,
-    Uncertain,
-    joint_shares,
-    numbers,
-    summary_text,
-)
+from tests.inner import LETTERS, Parameters, Posture, Uncertain, joint_shares, numbers, summary_text
 from tests.support import adjoint_reference, body_jacobian, frame_pose, loaded_arm
 
 import cartstiff
@@ -32,7 +23,7 @@ from cartstiff import (
 )
 from cartstiff.analysis import Tolerances
 from cartstiff.errors import UnknownNameError
-from cartstiff.extend import Potential
+from cartstiff.extend import Evaluation, Potential
 from cartstiff.geometry import se3
 
 LOAD = np.array([3.0, -2.0, 1.0, 20.0, -30.0, 40.0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
-from tests.inner import Chart, exponential, from_pose_function, paper, product_of_exponentials
+from tests.inner import Chart, exponential, product_of_exponentials
 from tests.support import (
     exp_reference,
     general_legs,
@@ -20,6 +20,7 @@ from tests.support import (
 )
 
 from cartstiff import ConvergenceError, UndefinedError
+from cartstiff.geometry import from_pose_function, paper
 
 ROUNDING = 1e-12
 # Eighth-order differences at step 0.01 of poses of unit size.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
-from tests.inner import NAMED, Field, exponential, flat, paper
+from tests.inner import NAMED, Field, exponential, flat
 from tests.support import (
     adjoint_reference,
     bracket_reference,
@@ -28,6 +28,7 @@ from cartstiff.geometry import (
     from_bilinear_map,
     from_symbols,
     levi_civita,
+    paper,
 )
 
 # Products of a few numbers of size up to ten.

@@ -113,7 +113,7 @@ def test_effort_of_a_file_takes_the_place_of_the_robots(urdf, tmp_path):
 
 
 def test_millimetres_change_a_limit_with_its_torque(urdf):
-    from tests.inner import in_units
+    from cartstiff.extend import in_units
 
     here, there = loaded(arm(urdf)), None
     there = cs.analyse(in_units(arm(urdf), "mm"), Q, wrench=[0, 0, 0, 0, 0, -80], load_axes="world")

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.inner import displacement_between, jacobian, with_rest_balancing
+from tests.inner import displacement_between, with_rest_balancing
 from tests.support import general_legs, legs_as_platform, relative_error, robot_file
 
 import cartstiff
 from cartstiff import ConvergenceError, DeadForce, DeadWrench, Held, InputError, equilibrium
 from cartstiff.errors import UnknownNameError
+from cartstiff.extend import jacobian
 from cartstiff.geometry import se3
 
 

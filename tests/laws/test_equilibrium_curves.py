@@ -10,14 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import brentq
-from tests.inner import (
-    Chain,
-    Platform,
-    PolynomialLaw,
-    plain_tree,
-    save_figure,
-    with_rest_balancing,
-)
+from tests.inner import Chain, PolynomialLaw, plain_tree, save_figure, with_rest_balancing
 from tests.support import links, robot_file
 
 import cartstiff
@@ -37,6 +30,7 @@ from cartstiff import (
     load_curve,
 )
 from cartstiff.errors import MissingDependencyError
+from cartstiff.extend import Platform
 from cartstiff.geometry import se3
 
 HALF, HEIGHT, STIFFNESS = 1.0, 0.3, 50.0

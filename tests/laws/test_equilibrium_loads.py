@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import Scaled, jacobian, problem, right_jacobian, with_rest_balancing
+from tests.inner import Scaled, problem, right_jacobian, with_rest_balancing
 from tests.support import links, relative_error, robot_file
 
 import cartstiff
@@ -22,6 +22,7 @@ from cartstiff import (
     equilibrium,
     payload,
 )
+from cartstiff.extend import jacobian
 
 ROBOTS = ("ur5", "panda")
 

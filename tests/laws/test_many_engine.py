@@ -12,7 +12,6 @@ from tests.inner import (
     OUTPUTS,
     Array,
     Chain,
-    Coordinate,
     CoupledSprings,
     KinematicTree,
     LoadKind,
@@ -39,6 +38,7 @@ from cartstiff import (
     analyse_many,
     payload,
 )
+from cartstiff.extend import Coordinate
 
 #: Two computations in double precision: relative to the largest entry,
 AGREEMENT = 1e-12

@@ -10,21 +10,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.inner import (
-    Array,
-    Beam,
-    LoadKind,
-    MapJob,
-    Section,
-    Settings,
-    segments_of_many,
-)
+from tests.inner import Array, LoadKind, MapJob, Section, Settings, segments_of_many
 from tests.laws.test_many_closed_chains import RECORDED, starts, weighed
 from tests.laws.test_many_engine import assert_same
 from tests.support.read import read as recorded
 
 import cartstiff
 from cartstiff import ElasticMechanism, analyse_many
+from cartstiff.extend import Beam
 from cartstiff.maps import RandomPostures
 
 WRENCH = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])

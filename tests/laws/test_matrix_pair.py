@@ -16,8 +16,9 @@ from tests.inner import (
     compliance_ellipsoid,
     length_of_pair,
     principal_pairs,
-    stiffness_ellipsoid,
 )
+
+from cartstiff.analysis import stiffness_ellipsoid
 
 
 @settings(max_examples=150, deadline=None)

@@ -12,10 +12,7 @@ from tests.inner import (
     SI,
     Chain,
     Closure,
-    Coordinate,
-    Gravity,
     Note,
-    Platform,
     PolynomialLaw,
     Units,
     plain_tree,
@@ -49,6 +46,7 @@ from cartstiff import (
     UndefinedError,
     analyse,
 )
+from cartstiff.extend import Coordinate, Gravity, Platform
 
 ROUNDING = 1e-12
 # Sums and differences of matrices with condition numbers up to a thousand.

@@ -7,27 +7,25 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.inner import (
-    Coordinate,
-    Evaluation,
-    MechanismPosture,
-    Parameters,
-    SecondOrderMap,
-    Skeleton,
-    ViewerNode,
-    exp,
-    gradient_and_hessian,
-    in_units,
-    jacobian,
-    log,
-)
-from tests.inner import contract_Number as Number
+from tests.inner import Parameters, ViewerNode, exp, log
 from tests.inner import se3_inverse as inverse
 from tests.view.viewer import Viewer
 
 import cartstiff
 from cartstiff import ElasticMechanism, JointSprings, analyse_posture
-from cartstiff.extend import Mechanism, Potential
+from cartstiff.extend import (
+    Coordinate,
+    Evaluation,
+    Mechanism,
+    MechanismPosture,
+    Number,
+    Potential,
+    SecondOrderMap,
+    Skeleton,
+    gradient_and_hessian,
+    in_units,
+    jacobian,
+)
 from cartstiff.scene import Appearance, RecordingWindow, Scene
 
 Q = np.array([0.3, 0.2, 0.4, -0.5, 0.1, 0.7])

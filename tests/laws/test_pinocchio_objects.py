@@ -5,16 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import (
-    cartesian_stiffness,
-    displacement_of_point,
-    move_stiffness,
-    screw_of_twist,
-    screw_of_wrench,
-)
+from tests.inner import displacement_of_point, move_stiffness, screw_of_twist, screw_of_wrench
 
 import cartstiff
 from cartstiff import DeadWrench, FollowerWrench, InputError, inverse_kinematics
+from cartstiff.analysis import cartesian_stiffness
 from cartstiff.geometry import se3
 
 W = np.array([1.0, -2.0, 3.0, 40.0, 50.0, -60.0])

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from tests.inner import LoadKind, Margins, Session, Source, open_map, read_message
+from tests.inner import LoadKind, Margins, Session, Source, read_message
 from tests.mechanisms.machines import write_file
 from tests.support.generated import Arm
 
 import cartstiff
 from cartstiff import ToolPath, analyse, analyse_many, equilibrium, load, modes
 from cartstiff.geometry import se3
-from cartstiff.maps import Trajectory, compute_map
+from cartstiff.maps import Trajectory, compute_map, open_map
 
 HOME = np.array([0.02, -0.01, 0.8, 0.05, -0.1, 0.08])
 AWAY = HOME + np.array([0.05, -0.04, 0.03, 0.05, 0.1, -0.08])

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import LinearConstraint, linprog, minimize
-from tests.inner import open_map
 from tests.mechanisms.machines import codes, note, write_file
 
 import cartstiff
 from cartstiff import InputError, analyse, analyse_many, compensate, equilibrium, load
 from cartstiff.geometry import se3
-from cartstiff.maps import Trajectory, compute_map
+from cartstiff.maps import Trajectory, compute_map, open_map
 
 BASE = [[91.41, 40.7], [-10.45, 99.52], [-80.96, 58.82], [-80.96, -58.82], [-10.45, -99.52]]
 TOP = [[59.75, 5.23], [-25.34, 54.36], [-34.41, 49.15], [-34.41, -49.15], [-25.34, -54.36]]

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import QUANTITIES, kernels, with_rest_balancing
+from tests.inner import kernels, with_rest_balancing
 from tests.support.generated import Arm, FourBar
 
 import cartstiff
 from cartstiff import InputError
 from cartstiff.errors import UnknownNameError
+from cartstiff.extend import QUANTITIES
 
 LOAD = np.array([4.0, -3.0, 2.0, 20.0, 30.0, -40.0])
 MINE = cartstiff.geometry.levi_civita(np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), "mine")

@@ -8,18 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.inner import (
-    QUANTITIES,
-    LoadKind,
-    OfFunction,
-    OfQuantity,
-    Settings,
-    derivative_with_error,
-)
+from tests.inner import LoadKind, OfFunction, OfQuantity, Settings, derivative_with_error
 from tests.inner import gradient_Question as _Question
 from tests.support.builders import general_legs, legs_as_platform, legs_as_tree, loaded_arm
 
 import cartstiff
+from cartstiff.extend import QUANTITIES
 
 #: A difference of eighth order has lost so much of the change per natural size.
 LIMIT = 1e-7

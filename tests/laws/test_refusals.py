@@ -11,18 +11,15 @@ import pytest
 from tests.inner import (
     Chain,
     Closure,
-    Platform,
     PolynomialLaw,
     TabulatedLaw,
     Units,
     checked_vector,
     convert_length,
     flat,
-    from_pose_function,
     line_geometry,
     named_values,
     one_line,
-    paper,
     plain_tree,
     product_of_exponentials,
     write_json,
@@ -58,7 +55,8 @@ from cartstiff import (
     payload,
 )
 from cartstiff.errors import MissingDependencyError, UnknownNameError
-from cartstiff.geometry import from_symbols, levi_civita
+from cartstiff.extend import Platform
+from cartstiff.geometry import from_pose_function, from_symbols, levi_civita, paper
 
 NAN = float("nan")
 

@@ -13,12 +13,9 @@ import numpy as np
 import pytest
 from tests.inner import (
     FREQUENCIES,
-    QUANTITIES,
     READINGS,
-    Damping,
     LoadKind,
     ManyModes,
-    Platform,
     Settings,
     choose_quantities,
     compliance_ellipsoid,
@@ -31,6 +28,8 @@ from tests.support.read import readable
 
 import cartstiff
 from cartstiff import InputError, analyse_many, analyse_posture, modes
+from cartstiff.extend import QUANTITIES, Platform
+from cartstiff.vibration import Damping
 
 LENGTH, DIRECTION, RATIO = 0.3, (0.2, -0.5, 0.7), 0.03
 LOAD = (0.4, -0.2, 0.3, 5.0, -7.0, 6.0)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
-from tests.inner import NAMED, Field, Units, convert_length, format_matrix, paper
+from tests.inner import NAMED, Field, Units, convert_length, format_matrix
 from tests.support import (
     adjoint_reference,
     cross_matrix,
@@ -35,6 +35,7 @@ from cartstiff.geometry import (
     KINEMATIC,
     from_symbols,
     levi_civita,
+    paper,
     se3,
 )
 

@@ -14,7 +14,6 @@ from tests.inner import (
     PolynomialLaw,
     Scaled,
     answer_at,
-    compare_connections,
     describe,
     describe_equilibrium,
     parts_of_links,
@@ -34,6 +33,7 @@ from cartstiff import (
     analyse_posture,
     equilibrium,
 )
+from cartstiff.analysis import compare_connections
 from cartstiff.geometry import se3
 
 

@@ -8,10 +8,11 @@ import sys
 import threading
 
 import pytest
-from tests.inner import QUANTITIES, Quantity, bundled_folder, fingerprint, prepare_map
+from tests.inner import bundled_folder, fingerprint, prepare_map
 
 import cartstiff
 from cartstiff import InputError
+from cartstiff.extend import QUANTITIES, Quantity
 
 MODULE = """
 import functools, math

@@ -9,15 +9,12 @@ import pytest
 from tests.inner import (
     BUILT_IN,
     CHECKSUM,
-    QUANTITIES,
     STATES,
     LoadKind,
     PostureMatrices,
-    Quantity,
     Settings,
     choose_quantities,
     evaluate,
-    indices_of,
     motions,
     packed,
     part_elsewhere,
@@ -32,7 +29,9 @@ from tests.support.commands import refuses
 
 import cartstiff
 from cartstiff import InputError, analyse_many, analyse_posture
+from cartstiff.analysis import indices_of
 from cartstiff.errors import UnknownNameError
+from cartstiff.extend import QUANTITIES, Quantity
 from cartstiff.maps import open_map
 
 LENGTH = 0.3

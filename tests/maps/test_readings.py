@@ -12,7 +12,6 @@ import pinocchio
 import pytest
 from tests.inner import (
     FREQUENCIES,
-    QUANTITIES,
     READINGS,
     Chain,
     LoadKind,
@@ -39,6 +38,7 @@ from tests.support.read import readable
 
 import cartstiff
 from cartstiff import ElasticMechanism, JointSprings, analyse_many, payload
+from cartstiff.extend import QUANTITIES
 from cartstiff.maps import RandomPostures
 
 LENGTH = 0.18

@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.docs.blocks import ROOT
-from tests.inner import Platform, architecture_of, json_schema, orientation_rank, poses_of_lengths
+from tests.inner import architecture_of, orientation_rank, poses_of_lengths
 from tests.inner import platform_assembly as study
 from tests.support.commands import answer, outcome
 
 import cartstiff
 from cartstiff import ElasticMechanism, InputError, LineSprings
+from cartstiff.extend import Platform, json_schema
 from cartstiff.geometry import se3
 
 DIETMAIER = ROOT / "cases" / "dietmaier-forty-postures" / "mechanism.yaml"

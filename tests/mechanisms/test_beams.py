@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from tests.inner import Beam, Section, evaluate_together, stability_functions
+from tests.inner import Section, evaluate_together, stability_functions
 from tests.mechanisms.bars import EI, SECTION, bar, load_bar
 from tests.mechanisms.machines import codes
 from tests.support import cross_matrix, relative_error
@@ -21,7 +21,7 @@ from cartstiff import (
     load,
     load_curve,
 )
-from cartstiff.extend import taylor_check
+from cartstiff.extend import Beam, taylor_check
 
 # Linear algebra of condition 1e6, and sums of the same compliances.
 SUM = 1e-10

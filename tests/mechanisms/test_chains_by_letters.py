@@ -121,7 +121,7 @@ def test_delta_by_name_is_the_delta_of_links():
 def test_lengths_in_other_units_and_a_tool():
     legs = {"chain": "RUS", **SIX, **CRANK, "axis": "radial"}
     machine = cartstiff.parallel(legs, [0, 0, 0.5, 0.1, 0, 0])
-    from tests.inner import in_units
+    from cartstiff.extend import in_units
 
     small = in_units(machine, "mm")
     T = small.mechanism.at(small.q).pose

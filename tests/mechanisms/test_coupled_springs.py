@@ -5,7 +5,6 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from tests.inner import in_units
 from tests.support.commands import answer, outcome, refuses, run
 
 import cartstiff
@@ -19,6 +18,7 @@ from cartstiff import (
     equilibrium,
     load,
 )
+from cartstiff.extend import in_units
 
 STEP = 1e-6
 DIFFERENCES = 1e-7

@@ -8,9 +8,10 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from tests.inner import Beam, Section
+from tests.inner import Section
 
 from cartstiff import DeadForce, equilibrium, load
+from cartstiff.extend import Beam
 
 LENGTH, WIDTH, THICKNESS, GAP = 0.09, 0.025, 0.0004, 0.08
 E, G = 2.1e11, 8.1e10

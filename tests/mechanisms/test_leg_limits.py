@@ -106,7 +106,7 @@ def test_forces_beyond_limits_are_named(tmp_path):
 
 
 def test_units_change_distances_and_leave_angles(tmp_path):
-    from tests.inner import in_units
+    from cartstiff.extend import in_units
 
     elastic = _load(tmp_path, {"diameter": 0.18, "base_joints": {"axis": [0, 0, 1], "angle": 0.1}})
     here = Limits(elastic.mechanism)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
-from tests.inner import in_units
 from tests.mechanisms.beams import element
 from tests.mechanisms.machines import joint, write_file, write_urdf
 
 import cartstiff
 from cartstiff import InputError
+from cartstiff.extend import in_units
 
 SECTION = {"E": 2e11, "G": 8e10, "area": 1e-4, "Iy": 1e-9, "Iz": 2e-9, "J": 2e-9}
 NODES = np.array([0.0, 0.2, 0.35, 0.6])

@@ -6,12 +6,13 @@ import warnings
 import mujoco
 import numpy as np
 import pytest
-from tests.inner import ASSUMED_STIFFNESS, in_units
+from tests.inner import ASSUMED_STIFFNESS
 from tests.inner import reading as mjcf
 from tests.inputs.mjcf_tool import SEEDS, compile_here, mutant, verdict
 
 from cartstiff import InputError, analyse, load
 from cartstiff.errors import MissingDependencyError
+from cartstiff.extend import in_units
 
 # Central differences of forces known to 1e-16: step^2 and 1e-16 / step, with margin.
 STEP = 1e-6

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.inner import in_units, tensions_of
+from tests.inner import tensions_of
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_flexure_struts import AXIAL, BODY, LAYOUT, LOWER, SAME, UPPER
 from tests.support import gradient_of, relative_error
 
 import cartstiff
 from cartstiff import InputError, analyse, load
+from cartstiff.extend import in_units
 from cartstiff.geometry import se3
 
 LEGS = {"strut": {"axial": AXIAL, "lower": LOWER, "upper": UPPER}}

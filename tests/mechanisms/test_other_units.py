@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.inner import in_units
 
 import cartstiff
 from cartstiff import InputError, JointFunction
+from cartstiff.extend import in_units
 
 SLIDING = """<robot name='r'><link name='l0'/>
 <link name='l1'><inertial><mass value='3'/><origin xyz='.1 .02 .3'/>

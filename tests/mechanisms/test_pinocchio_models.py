@@ -8,12 +8,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import TreeState, example_robot, jacobian, plain_tree, visuals_of
+from tests.inner import TreeState, example_robot, plain_tree, visuals_of
 from tests.support.commands import refuses
 
 import cartstiff
 from cartstiff import InputError
 from cartstiff.errors import UnknownNameError
+from cartstiff.extend import jacobian
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 POINTS = {

@@ -17,7 +17,6 @@ from tests.inner import (
     answer_of_workspace,
     answer_text,
     around,
-    json_schema,
     lines_at,
     wrench_margins,
 )
@@ -28,6 +27,7 @@ from tests.support.commands import answer, refuses, run
 
 import cartstiff
 from cartstiff import InputError
+from cartstiff.extend import json_schema
 
 LEGS = {
     "limits": [[0.85, 1.25]] * 6,

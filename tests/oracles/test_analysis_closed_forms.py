@@ -12,32 +12,34 @@ from tests.inner import (
     PostureMatrices,
     Reading,
     Uncertain,
-    best_conditioned_length,
-    cartesian_stiffness,
-    centres_of,
     characteristic_length,
     compliance_deflection,
-    eigenscrews,
-    indices_of,
     inertia_metric,
     isotropy,
     joint_shares,
     length_from_inertia,
     modes,
-    natural_length,
     plain,
     product_of_exponentials,
     screw_of_twist,
     screw_of_wrench,
     shares_of,
     stiffness_block,
-    stiffness_ellipsoid,
     summarise,
     summary_text,
     twist_compliant_axes,
     wrench_compliant_axes,
 )
 
+from cartstiff.analysis import (
+    best_conditioned_length,
+    cartesian_stiffness,
+    centres_of,
+    eigenscrews,
+    indices_of,
+    natural_length,
+    stiffness_ellipsoid,
+)
 from cartstiff.geometry import se3
 
 EXACT = 1e-12  # a handful of operations in double precision

@@ -5,15 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import (
-    Chain,
-    Gravity,
-    KinematicTree,
-    Platform,
-    PolynomialLaw,
-    TabulatedLaw,
-    plain_tree,
-)
+from tests.inner import Chain, KinematicTree, PolynomialLaw, TabulatedLaw, plain_tree
 from tests.support import (
     add_frame,
     exp_reference,
@@ -27,6 +19,7 @@ from tests.support import (
 )
 
 from cartstiff import JointFunction, JointSprings, LineSprings, PoseFunction
+from cartstiff.extend import Gravity, Platform
 
 # Eighth-order differences at step 0.01 of energies near one; second differences lose four digits.
 GRADIENT = 1e-10

@@ -9,10 +9,10 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.inner import in_units
 from tests.support import platform_mechanism
 
 import cartstiff
+from cartstiff.extend import in_units
 
 SOFT = 1e-3
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}

@@ -11,7 +11,6 @@ from tests.inner import (
     CoupledSprings,
     Give,
     KinematicTree,
-    Platform,
     Scaled,
     extended,
     merged,
@@ -41,6 +40,7 @@ from cartstiff import (
     analyse,
     payload,
 )
+from cartstiff.extend import Platform
 
 ROUNDING = 1e-12
 # Eighth-order differences at step 0.01: first and second.
@@ -94,7 +94,7 @@ def test_payload_is_a_weight():
         assert np.array_equal(x, y)
     legs = general_legs()
     heavy = Platform(legs.base, legs.platform, mass=2.5, mass_centre=POINT)
-    from tests.inner import Gravity
+    from cartstiff.extend import Gravity
 
     a = payload(2.5, g, POINT).evaluate(heavy.at(legs.q))
     b = Gravity(g).evaluate(heavy.at(legs.q))

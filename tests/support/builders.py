@@ -24,7 +24,8 @@ from cartstiff import (
     JointSprings,
     LineSprings,
 )
-from tests.inner import Chain, Closure, Platform, Units, plain_tree, read_meshes
+from cartstiff.extend import Platform
+from tests.inner import Chain, Closure, Units, plain_tree, read_meshes
 from tests.support.oracles import (
     adjoint_reference,
     body_jacobian,

@@ -21,8 +21,9 @@ from cartstiff import (
     PostureStiffness,
     UndefinedError,
 )
+from cartstiff.extend import Platform
 from cartstiff.geometry import se3
-from tests.inner import SI, Chain, Platform, PlatformPosture, Units, convert_length, numerics
+from tests.inner import SI, Chain, PlatformPosture, Units, convert_length, numerics
 from tests.inner import arrays_Array as Array
 
 

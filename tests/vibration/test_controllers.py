@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.inner import double_diagonalisation, impedance, in_units, square_root_damping
+from tests.inner import double_diagonalisation, square_root_damping
 from tests.support import random_pose
 from tests.support.commands import answer, refuses, run
 
 from cartstiff import InputError, StiffnessTensor, UndefinedError, analyse, load, modes
+from cartstiff.extend import in_units
+from cartstiff.vibration import impedance
 
 
 def _random(rng, spread):

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from tests.inner import Damping, frequency_response, poles
+from tests.inner import poles
 
 import cartstiff
+from cartstiff.vibration import Damping, frequency_response
 
 BODY = '<inertial><mass value="2"/><origin xyz="0.5 0 0"/>' + (
     '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'

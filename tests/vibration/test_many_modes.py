@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import Damping, ManyModes, criteria, in_units, poles, vibrations
+from tests.inner import ManyModes, criteria, poles, vibrations
 from tests.vibration.test_modes import column
 
 from cartstiff import (
@@ -18,7 +18,9 @@ from cartstiff import (
     modes,
     optimise_path,
 )
+from cartstiff.extend import in_units
 from cartstiff.maps import Trajectory, compute_map
+from cartstiff.vibration import Damping
 
 
 @pytest.fixture(autouse=True)

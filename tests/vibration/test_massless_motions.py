@@ -5,10 +5,11 @@ from pathlib import Path
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.inner import frequency_response, spectrum_of
+from tests.inner import spectrum_of
 from tests.support import adjoint_reference, tip_compliance
 
 import cartstiff
+from cartstiff.vibration import frequency_response
 
 URDF = """<robot name="boom">
   <link name="base"/>

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import in_units
 from tests.mechanisms.machines import write_file
 from tests.support import exp_reference, links, loaded_arm, relative_error
 
@@ -21,6 +20,7 @@ from cartstiff import (
     modes,
     payload,
 )
+from cartstiff.extend import in_units
 
 #: Hz, as the simulator's documentation prints them, to a tenth.
 PRINTED = [780.6, 780.6, 903.9, 1061.4, 1061.4, 1269.6]

@@ -4,20 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.inner import (
-    Damping,
-    Units,
-    convert_length,
-    damping_matrix,
-    frequency_response,
-    poles,
-    transmissibility,
-)
+from tests.inner import Units, convert_length, damping_matrix, poles, transmissibility
 from tests.support import loaded_arm, relative_error
 from tests.support.commands import answer, refuses
 from tests.vibration.test_modes import LENGTH, M_1, K, column
 
 from cartstiff import analyse, load, modes
+from cartstiff.vibration import Damping, frequency_response
 
 #: Two ways through the same matrices.
 AGREE = 1e-9

@@ -15,13 +15,13 @@ from tests.inner import (
     ViewState,
     better_posture,
     better_statements,
-    in_units,
     words_of,
 )
 from tests.view.test_report import ARM, HEAVY, Q, moved_by
 
 import cartstiff
 from cartstiff import UndefinedError, analyse_posture
+from cartstiff.extend import in_units
 
 DOWN = [0, 0, 0, 0, 0, -1.0]
 

@@ -18,7 +18,6 @@ from tests.inner import (
     answer_at,
     answer_sentences,
     exaggerated,
-    in_units,
     report_page,
 )
 from tests.inner import command as cartstiff_command
@@ -35,6 +34,7 @@ from tests.support.report_words import (
 
 import cartstiff
 from cartstiff import DeadWrench, analyse_posture, equilibrium
+from cartstiff.extend import in_units
 from cartstiff.geometry import se3
 
 ARM = "".join(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from tests.inner import ViewerNode, add_ellipsoid, theme
+from tests.inner import ViewerNode, theme
 from tests.support import twist_matrix
 from tests.support.read_units import read, si
 from tests.view.viewer import Viewer
@@ -15,7 +15,7 @@ from tests.view.viewer import Viewer
 import cartstiff
 from cartstiff import InputError
 from cartstiff.errors import UnknownNameError
-from cartstiff.scene import Appearance, RecordingWindow, Scene
+from cartstiff.scene import Appearance, RecordingWindow, Scene, add_ellipsoid
 
 ROOT = "/meshcat/cartstiff"
 # Lengths go through a single division and square roots.

@@ -7,13 +7,11 @@ import json
 import numpy as np
 import pytest
 from tests.inner import (
-    Appearance,
     Session,
     Source,
     ViewState,
     describe,
     describe_mechanism,
-    in_units,
     reference_frame,
     series_row,
     shown_numbers,
@@ -21,7 +19,9 @@ from tests.inner import (
 
 import cartstiff
 from cartstiff import DeadForce, analyse_posture, equilibrium
+from cartstiff.extend import in_units
 from cartstiff.geometry import se3
+from cartstiff.scene import Appearance
 
 LOAD = np.array([3.0, -2.0, 1.0, 30.0, -20.0, -100.0])
 

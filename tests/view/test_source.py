@@ -7,9 +7,10 @@ import types
 
 import numpy as np
 import pytest
-from tests.inner import in_units, read_cloud, read_trajectory, source
+from tests.inner import read_cloud, read_trajectory, source
 
 from cartstiff import InputError
+from cartstiff.extend import in_units
 
 NAMES = ("a", "b")
 

@@ -9,10 +9,10 @@ import pytest
 import umsgpack
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.inner import RecordingWindow
 from tests.view.viewer import Viewer, meshcat
 
 from cartstiff import InputError
+from cartstiff.scene import RecordingWindow
 
 
 class Sent:

@@ -16,13 +16,13 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_input, fixed
-from cartstiff.batch.algebra import CASE_INPUTS, PLAIN
+from cartstiff.batch.algebra import PLAIN
 from cartstiff.batch.arguments import (
     EVERY_OUTPUT,
     checked_names,
@@ -70,8 +70,6 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_l
 _LARGEST = 150_000
 #: Number of postures from which vectors of full width, which are compiled apart, pay.
 WORTH_WIDENING = 1_000_000
-#: Numbers that may be inputs.
-INPUTS = ("stiffness", "rest", *CASE_INPUTS)
 #: Place of an output in the record, if it exists, and its shape.
 _Place = tuple[slice | None, tuple[int, ...]]
 
@@ -139,6 +137,16 @@ class RecordedPosture(Mapping[str, Array]):
     def __repr__(self) -> str:
         by = "" if self.is_plain else ", by analyse"
         return f"RecordedPosture({self.state}{by}: {', '.join(self._places)})"
+
+
+class Inputs(TypedDict, total=False):
+    """Numbers that may be inputs of a program, each in place of the mechanism's own."""
+
+    stiffness: ArrayLike
+    rest: ArrayLike
+    load_at: ArrayLike
+    payload: ArrayLike
+    tcp: ArrayLike
 
 
 class Program(Recording):
@@ -217,7 +225,7 @@ class Program(Recording):
         return f"Program({self.elastic.name}{load}, {self.path}: {', '.join(self.names)})"
 
     def __call__(
-        self, q: ArrayLike, wrench: ArrayLike | None = None, **numbers: ArrayLike
+        self, q: ArrayLike, wrench: ArrayLike | None = None, **numbers: Unpack[Inputs]
     ) -> RecordedPosture:
         """Arrays of one posture.
 
@@ -227,7 +235,7 @@ class Program(Recording):
             Coordinates in rad and length units. A closed chain is assembled from there.
         wrench : array_like (6,), optional
             (moment, force) on the body, for a program under a load.
-        numbers
+        **numbers
             Those of `inputs`, one for each spring, in place of the mechanism's own.
 
         Raises
@@ -239,7 +247,8 @@ class Program(Recording):
             For numbers that are not among the inputs.
         """
         at, given = _as_vector(q, self._count, "q"), self._usual.copy()
-        for name, values in numbers.items():
+        replaced: Mapping[str, Any] = numbers
+        for name, values in replaced.items():
             check_name("input", name, self.inputs)
             given[name] = self._checked(name, values)
         if (wrench is None) is self.is_loaded:
@@ -439,7 +448,7 @@ class Program(Recording):
     # -------------------------------------------------------------------------
 
     def many(
-        self, q: ArrayLike, wrench: ArrayLike | None = None, **numbers: ArrayLike
+        self, q: ArrayLike, wrench: ArrayLike | None = None, **numbers: Unpack[Inputs]
     ) -> Postures:
         """Arrays of postures q (N, n) under one wrench (6,), or one for each (N, 6).
 
@@ -447,7 +456,8 @@ class Program(Recording):
         ``.to_xarray()``. `numbers` as in a call, the same for all postures.
         """
         given = dict[str, Array]()
-        for name, values in numbers.items():
+        replaced: Mapping[str, Any] = numbers
+        for name, values in replaced.items():
             check_name("input", name, self.inputs)
             given[name] = self._checked(name, values)
         if (wrench is None) is self.is_loaded:
@@ -628,7 +638,7 @@ def record(
     )
     # Inputs besides the coordinates.
     for name in inputs:
-        check_name("input", name, INPUTS)
+        check_name("input", name, Inputs.__annotations__)
     _check_inputs(elastic, inputs, loaded)
     if inputs and "rest" in inputs and (loaded or not springs_of(elastic).is_complete):
         raise InputError(

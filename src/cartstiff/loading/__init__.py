@@ -111,6 +111,36 @@ class ModelSetup(Setup, total=False):
     name: str | None
 
 
+class FileKeys(TypedDict, total=False):
+    """Keys that mechanism files of every kind share."""
+
+    description: str
+    source: str
+    gravity: ArrayLike
+    payload: Mapping[str, Any]
+    parameters: Mapping[str, float | str]
+    identified: Mapping[str, Any]
+    units: Mapping[str, str]
+
+
+class PlatformKeys(FileKeys, total=False):
+    """Other keys of a file of kind stewart-gough."""
+
+    name: str
+    pose: Mapping[str, Any]
+    frame: Mapping[str, Any]
+    body: Mapping[str, Any]
+    flexible: Mapping[str, Any]
+
+
+class ParallelKeys(FileKeys, total=False):
+    """Other keys of a file of kind parallel."""
+
+    offset: Mapping[str, Any]
+    actuated: Sequence[str]
+    lines: Sequence[Mapping[str, Any]]
+
+
 @checked
 def load(
     source: Any, *, visual: Any = None, **setup: Unpack[ModelSetup]
@@ -420,7 +450,7 @@ def hexapod(
     symmetry: int | None = None,
     cubic: Mapping[str, Any] | None = None,
     legs: float | Mapping[str, Any],
-    **keys: Any,
+    **keys: Unpack[PlatformKeys],
 ) -> ElasticMechanism:
     """Build a Stewart-Gough platform from radii and angles, or in a cube.
 
@@ -444,8 +474,8 @@ def hexapod(
         The stiffness of every leg, or the file's key: ``stiffness`` or ``strut``,
         ``rest_length``, ``preload``, ``limits``, ``mass``, ``damping``.
     **keys
-        Any other key of the file: ``name`` for people, ``units``, ``frame``, ``body``,
-        ``flexible``, ``payload``, ``gravity``.
+        Any other key of the file, see `PlatformKeys`: ``name`` for people, ``units``,
+        ``pose``, ``frame``, ``body``, ``flexible``, ``payload``, ``gravity``.
 
     Returns
     -------
@@ -488,7 +518,7 @@ def parallel(
     pose: ArrayLike | None = None,
     *,
     name: str = "parallel",
-    **keys: Any,
+    **keys: Unpack[ParallelKeys],
 ) -> ElasticMechanism:
     """Build a body carried by several legs, from the keys of a file of ``kind:
     parallel``.
@@ -504,7 +534,8 @@ def parallel(
     name : str
         Name for people.
     **keys
-        Any other key of the file: gravity, payload, actuated, lines, source, ...
+        Any other key of the file, see `ParallelKeys`: ``units``, ``offset``,
+        ``actuated``, ``lines``, ``payload``, ``gravity``, ``source``, ...
 
     Returns
     -------

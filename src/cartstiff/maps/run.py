@@ -21,7 +21,7 @@ from hashlib import sha256
 from math import prod
 from os import cpu_count
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -91,6 +91,29 @@ _DESCRIBED_SETTINGS = (
     "deflect_at",
     "world",
 )
+
+
+class MapQuestion(TypedDict, total=False):
+    """What is asked at every posture, beside quantities: the keywords of `map_job`."""
+
+    connection: str | None
+    length: float | None
+    direction: ArrayLike | None
+    deflect: ArrayLike | None
+    deflect_at: ArrayLike
+    world: bool
+    wrench: ArrayLike | None
+    load_kind: Literal["dead", "follower", "conservative"]
+    load_at: ArrayLike
+    load_axes: Literal["body", "world"]
+    damping: Damping | float
+
+
+class MapOptions(MapQuestion, total=False):
+    """Keywords of whole maps; for `chunk` and `command` see `planned`."""
+
+    chunk: int | None
+    command: str
 
 
 @checked
@@ -205,7 +228,7 @@ def planned(
     *,
     chunk: int | None = None,
     command: str = "",
-    **asked: Any,
+    **asked: Unpack[MapQuestion],
 ) -> tuple[MapJob, Layout]:
     """Check and describe a map; nothing is computed.
 
@@ -328,8 +351,12 @@ def _check_postures(sampling: Sampling, elastic: ElasticMechanism) -> None:
         )
 
 
+@checked
 def map_of(
-    elastic: ElasticMechanism, sampling: Sampling, quantities: Sequence[str], **asked: Any
+    elastic: ElasticMechanism,
+    sampling: Sampling,
+    quantities: Sequence[str],
+    **asked: Unpack[MapOptions],
 ) -> xarray.Dataset:
     """Quantities of the stiffness at many postures, as a dataset that is
     computed when used.
@@ -384,7 +411,7 @@ def prepare_map(
     sampling: Sampling,
     quantities: Sequence[str],
     file: Any,
-    **asked: Any,
+    **asked: Unpack[MapOptions],
 ) -> tuple[MapJob, MapFile]:
     """Check everything and create the file, or open one that holds the same map.
 
@@ -589,7 +616,7 @@ def compute_map(
     *,
     dask: Any = None,
     progress: bool | None = False,
-    **asked: Any,
+    **asked: Unpack[MapOptions],
 ) -> xarray.Dataset:
     """Quantities of the stiffness at many postures, in a file or another store.
 

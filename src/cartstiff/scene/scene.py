@@ -7,6 +7,8 @@ picture means.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -168,19 +170,28 @@ class Scene:
         values: ArrayLike,
         label: str = "",
         unit: str = "",
-        **more: Any,
+        *,
+        size: float | None = None,
+        carried: Mapping[str, Array] = MappingProxyType({}),
     ) -> dict[str, Any]:
         """Show a map: points (N, 3) in F, in the mechanism's unit,
         coloured by values (N,).
 
-        Returns the facts of the colour bar, see `add_points`. No points remove the map.
+        Arguments and returned facts of the colour bar as of `add_points`. No points
+        remove the map.
         """
         p = np.asarray(positions, float)  # the outermost of them have to be seen
         self._around_map = (
             p[[*p.argmin(axis=0), *p.argmax(axis=0)]] if p.size else np.empty((0, 3))
         )
         return add_points(
-            self._node["map"], positions, values, label=label, unit=unit, **more
+            self._node["map"],
+            positions,
+            values,
+            label=label,
+            unit=unit,
+            size=size,
+            carried=carried,
         )
 
     def camera(self, preset: str = "iso") -> None:

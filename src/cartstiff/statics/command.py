@@ -135,7 +135,11 @@ def analyse_commanded(
     elastic: ElasticMechanism,
     command: Mapping[str, float],
     q: ArrayLike | Mapping[str, float] | None = None,
-    **load: Any,
+    *,
+    wrench: ArrayLike | None = None,
+    load_kind: Literal["dead", "follower"] = "dead",
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_axes: Literal["body", "world"] = "body",
 ) -> PostureStiffness:
     """Stiffness at the equilibrium after a command, see `after_command`.
 
@@ -143,19 +147,28 @@ def analyse_commanded(
     ----------
     elastic, command, q
         As of `commanded`.
-    load : dict
-        `wrench` and its kind, point and axes, as of `after_command`. Without a wrench,
-        kind and point are those of the springs' forces.
+    wrench, load_kind, load_at, load_axes
+        As of `after_command`. Without a wrench, kind and point are those of the springs'
+        forces.
 
     Raises
     ------
     InputError
         As `after_command`; ConvergenceError if no equilibrium is found from there.
     """
-    wrench = load if load.get("wrench") is not None else {}
-    state = after_command(elastic, command, q, **wrench)
-    springs = {key: load[key] for key in ("load_kind", "load_at") if key in load}
-    return analyse(state.elastic, state.q, **springs)
+    if wrench is None:
+        state = after_command(elastic, command, q)
+    else:
+        state = after_command(
+            elastic,
+            command,
+            q,
+            wrench=wrench,
+            load_kind=load_kind,
+            load_at=load_at,
+            load_axes=load_axes,
+        )
+    return analyse(state.elastic, state.q, load_kind=load_kind, load_at=load_at)
 
 
 def drives(elastic: ElasticMechanism) -> tuple[str, ...]:
