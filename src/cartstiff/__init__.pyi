@@ -24,10 +24,10 @@ from .gradients.matrices import sensitivities as sensitivities
 from .gradients.spread import analyse_posture as analyse_posture
 from .kinematics.at_pose import at_pose as at_pose
 from .kinematics.inverse import inverse_kinematics as inverse_kinematics
+from .loading import from_pinocchio as from_pinocchio
 from .loading import hexapod as hexapod
 from .loading import load as load
 from .loading import parallel as parallel
-from .loading.pinocchio_model import from_pinocchio as from_pinocchio
 from .mechanisms.elastic import ElasticMechanism as ElasticMechanism
 from .page.api import show as show
 from .potentials.functions import JointFunction as JointFunction

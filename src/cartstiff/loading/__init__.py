@@ -203,6 +203,44 @@ def load(
     return loaded.with_springs(get("stiffness"), get("rest"))
 
 
+@checked
+def from_pinocchio(
+    model: Any, visual: Any = None, **setup: Unpack[ModelSetup]
+) -> ElasticMechanism:
+    """Build the elastic mechanism of a Pinocchio model, as `cartstiff.load` does.
+
+    Joint stiffnesses are assumed, as for a URDF; give them with
+    `ElasticMechanism.with_springs`.
+
+    Parameters
+    ----------
+    model : pinocchio.Model, pinocchio.RobotWrapper or tuple
+        A tuple is (model, collision model, visual model), as Pinocchio's loaders return
+        it, or (model, visual model). Not changed.
+    visual : pinocchio.GeometryModel, optional
+        Shapes of the links; default those of the wrapper or the tuple.
+    **setup
+        `frame`, `q`, `locked`, `closures`, `actuated`, `floating`, `name`, `tcp`,
+        `gravity` and others, see `ModelSetup`.
+
+    Raises
+    ------
+    InputError
+        For joints, constraints or arguments that cannot be used.
+    UnknownNameError
+        For a frame or joint that the model does not have.
+    """
+    from cartstiff.loading.pinocchio_model import is_pinocchio
+
+    if not is_pinocchio(model):
+        raise InputError(
+            "not a Pinocchio model",
+            expected="pinocchio.Model, RobotWrapper or a tuple of models",
+            got=type(model).__name__,
+        )
+    return load(model, visual=visual, **setup)
+
+
 def _check_words(given: Mapping[str, Any]) -> None:
     """Refuse unknown keywords, and a frame that is no name."""
     known, frame = ModelSetup.__annotations__, given.get("frame")

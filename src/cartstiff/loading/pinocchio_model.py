@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,10 +15,8 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import Array, checked_vector
-from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.loading import ModelSetup, load
 from cartstiff.loading.bare import Bare, places_in, with_overrides
 from cartstiff.loading.description import Followers, RobotDescription, successive_turns
 from cartstiff.loading.passes import one_robot
@@ -39,42 +37,6 @@ def is_pinocchio(source: object) -> bool:
     if isinstance(source, tuple):
         return bool(source) and isinstance(source[0], pin.Model)
     return isinstance(source, (pin.Model, pin.RobotWrapper))
-
-
-@checked
-def from_pinocchio(
-    model: Any, visual: Any = None, **setup: Unpack[ModelSetup]
-) -> ElasticMechanism:
-    """Build the elastic mechanism of a Pinocchio model, as `cartstiff.load` does.
-
-    Joint stiffnesses are assumed, as for a URDF; give them with
-    `ElasticMechanism.with_springs`.
-
-    Parameters
-    ----------
-    model : pinocchio.Model, pinocchio.RobotWrapper or tuple
-        A tuple is (model, collision model, visual model), as Pinocchio's loaders return
-        it, or (model, visual model). Not changed.
-    visual : pinocchio.GeometryModel, optional
-        Shapes of the links; default those of the wrapper or the tuple.
-    **setup
-        `frame`, `q`, `locked`, `closures`, `actuated`, `floating`, `name`, `tcp`,
-        `gravity` and others, see `cartstiff.loading.ModelSetup`.
-
-    Raises
-    ------
-    InputError
-        For joints, constraints or arguments that cannot be used.
-    UnknownNameError
-        For a frame or joint that the model does not have.
-    """
-    if not is_pinocchio(model):
-        raise InputError(
-            "not a Pinocchio model",
-            expected="pinocchio.Model, RobotWrapper or a tuple of models",
-            got=type(model).__name__,
-        )
-    return load(model, visual=visual, **setup)
 
 
 def of_pinocchio(
