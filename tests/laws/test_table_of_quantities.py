@@ -23,8 +23,8 @@ from tests.inner import (
     needed_outputs,
     unit_of,
 )
+from tests.support.read import frequencies, readable
 from tests.support.read import read as read_recorded
-from tests.support.read import readable
 
 import cartstiff
 from cartstiff import InputError, analyse_many, analyse_posture, modes
@@ -281,7 +281,8 @@ def test_modes_of_one_posture_of_stacks_and_of_recorded_numbers_agree(name):
     acting = {"load_kind": load.kind, "load_at": load.at}
     given = None if wrench is None else np.array(wrench)
     swing = ManyModes(elastic, q, given, acting)
-    found = evaluate(chosen, {}, settings, None, swing)
+    found = evaluate(chosen, {}, settings, None, swing)  # one by one
+    by_matrices = frequencies(elastic, q, given, acting)
     wanted = tuple(n for n in names if n in FREQUENCIES)
     read = read_recorded(elastic, wanted, q, settings, given)
     assert read.is_known.any()
@@ -292,6 +293,7 @@ def test_modes_of_one_posture_of_stacks_and_of_recorded_numbers_agree(name):
         for j in range(6):
             key = f"frequency_{j + 1}"
             assert found[key][i] == pytest.approx(own[j], rel=1e-6, nan_ok=True)
+            assert by_matrices[i, j] == pytest.approx(own[j], rel=1e-6, nan_ok=True)
             if read.is_known[i]:
                 assert read.values[key][i] == pytest.approx(own[j], rel=1e-6)
             assert found[f"damping_{j + 1}"][i] == pytest.approx(RATIO, rel=1e-6, nan_ok=True)

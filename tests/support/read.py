@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartstiff import ElasticMechanism
-from tests.inner import PLAIN, OwnOutputs, Recording, Settings
+from tests.inner import PLAIN, LoadKind, OwnOutputs, Recording, Settings, frequency_name
 
 
 class Read(NamedTuple):
@@ -53,3 +53,22 @@ def read(
     asked._fill_others = lambda *given: (known.append(given[6] == PLAIN), ([""], 0, ""))[1]
     found = asked.postures(q, None if wrench is None else np.array(wrench))
     return Read(found.arrays, found.q, known[0])
+
+
+def frequencies(
+    elastic: ElasticMechanism,
+    q: np.ndarray,
+    wrench: Any = None,
+    acting: Any = None,
+    count: int = 6,
+    one_by_one: int | None = None,
+) -> np.ndarray:
+    """Lowest frequencies (N, count), read from recorded matrices where there are some."""
+    given = {"load_kind": "dead", "load_at": (0.0, 0.0, 0.0), "load_axes": "body", **(acting or {})}
+    kind = LoadKind(given["load_kind"], given["load_at"])
+    names = tuple(map(frequency_name, range(count)))
+    own = OwnOutputs(quantities=names, settings=Settings(load=kind, is_loaded=wrench is not None))
+    how = wrench is not None, kind, given["load_axes"]
+    asked = Recording(elastic, (), own, *how, reads=False)
+    found = asked.postures(np.array(q), wrench, one_by_one=one_by_one)
+    return np.stack([found.arrays[name] for name in names], axis=1)

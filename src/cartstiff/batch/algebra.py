@@ -491,7 +491,11 @@ def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
     kinds = {name.partition("_")[0] for name in wanted}
     if "stiffness" not in kinds or "compliance" in kinds:
         return PLAIN
+    # About an axis that springs neither hold nor push, the diagonal is round-off, or 0.
     sizes = _absolute(K.diagonal())
+    for block in (sizes[:3], sizes[3:]):
+        least = largest(block) * EPSILON
+        block[:] = [larger(size, least) for size in block]
     L, inverses, pivots = positive_factor(K)
     X = below(L, np.eye(6))
     most: Scalar = _absolute(inverses) @ ((X * X) @ sizes)

@@ -43,6 +43,9 @@ DETAILS = NOTEWORTHY, SYMMETRIC, LENGTH, LEGS, LINES = (
     "leg_lengths",
     "actuation",
 )
+#: Of a mechanism with masses: mass matrix and Lagrangian Hessian on the motions, and
+#: their twists; they determine small vibrations.
+OF_VIBRATIONS = "kinetic", "lagrangian", "motion"
 #: Output of closed chains, beside these: rates of the coordinates in the motions that
 #: keep the closures, as many columns as there are.
 MOTIONS = "motions"

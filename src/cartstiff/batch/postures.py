@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.batch.algebra import FALLBACK, PLAIN, UNBALANCED
 from cartstiff.batch.arguments import (
+    OF_VIBRATIONS,
     TENSIONS,
     TORQUES,
     aligned_empty,
@@ -140,6 +141,8 @@ def _output(result: PostureStiffness, name: str) -> Array | float | None:
         return result.matrices[connection]
     if kind == "compliance":
         return result.compliances[connection]
+    if name in OF_VIBRATIONS:
+        return None  # those of recordings
     value: Array | float | None = getattr(result, name)
     return value
 

@@ -12,6 +12,7 @@ of a user's own. `analyse_many` makes one for matrices, a map for quantities, an
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -26,6 +27,7 @@ from cartstiff.batch.arguments import (
     DETAILS,
     EVERY_OUTPUT,
     MOTIONS,
+    OF_VIBRATIONS,
     TENSIONS,
     TORQUES,
     aligned_empty,
@@ -139,6 +141,7 @@ class Recording:
         self._shapes = shapes_of(elastic) | own.shapes | dict.fromkeys(own.quantities, ())
         self._count = len(elastic.mechanism.coordinates)
         self._shapes[MOTIONS] = self._count, -1
+        self._shapes |= dict.fromkeys(OF_VIBRATIONS, (0, 0))
         self.reason = ASKED
         self.from_matrices: tuple[str, ...] = own.quantities
         self.taken: TracedModel | None = None
@@ -183,7 +186,11 @@ class Recording:
         names: tuple[str, ...] = ()
         if reads and own.quantities:
             names = recordable(elastic, case, own.quantities)
-        if "payload" in self.inputs:  # the masses of vibrations are constants
+        # Vibrations need masses, which are constants.
+        massive: Case | None = None
+        if "payload" not in self.inputs and "kinetic" in self._base:
+            massive = with_masses(elastic, case)
+        if massive is None:
             names = tuple(name for name in names if name not in FREQUENCIES)
         few = tuple(name for name in names if name not in FREQUENCIES)
         tape: Tape | None = None
@@ -197,12 +204,14 @@ class Recording:
                 more["readings"] = Readings.of(elastic, some, settings)
             if {*stored} != {*self._base}:
                 more["stored"] = tuple(dict.fromkeys(stored))
-            has_masses = not FREQUENCIES.isdisjoint(some)
-            own_case = (has_masses and with_masses(elastic, case)) or case
+            swings = "kinetic" in stored or not FREQUENCIES.isdisjoint(some)
+            own_case = (swings and massive) or case
             tape = program_for(own_case, self._base, **more)
             if not some or (some[0] in tape.outputs and tape.size <= self.largest):
                 break
         assert tape is not None
+        n = math.isqrt(len(tape.outputs.get("kinetic", ())))
+        self._shapes |= {"kinetic": (n, n), "lagrangian": (n, n), "motion": (6, n)}
         return tape
 
     def postures(
@@ -237,8 +246,8 @@ class Recording:
         kernel, path, reason = self._code(count)
         state, taken = np.full(count, FALLBACK, np.uint8), self._with(numbers)
         if kernel is not None:
-            more = threads, size, one_by_one
-            self._fill(kernel, taken, at, loads, numbers or {}, arrays, state, *more)
+            given = numbers or {}
+            self._fill(kernel, taken, at, loads, given, arrays, state, threads, size)
         # What is left is read from matrices, or decided where these are computed.
         if self._own or self._own.quantities or (taken is not None and kernel is None):
             codes, fallback, other = self._fill_others(
@@ -352,7 +361,6 @@ class Recording:
         verdicts: NDArray[np.uint8],
         threads: int,
         size: int | None,
-        one_by_one: int | None,
     ) -> None:
         """Fill arrays of plainly regular postures, and verdicts."""
         assert taken is not None
@@ -388,7 +396,6 @@ class Recording:
                     q[part][known],
                     own if own is None or own.ndim == 1 else own[known],
                     *self.with_numbers(numbers),
-                    one_by_one,
                 )
                 for name, values in found.items():
                     arrays[name][part][known] = values
@@ -435,7 +442,7 @@ class Recording:
             made = found.arrays
             made |= self._own.values(made)
             names = self._own.quantities
-            made |= self._read(names, made, found.q, own, elastic, load, one_by_one)
+            made |= self._read(names, made, found.q, own, elastic, load)
             for name, array in arrays.items():
                 array[rows] = made[name]
             codes = list(dict.fromkeys((*codes, *found.codes)))
@@ -452,7 +459,6 @@ class Recording:
         wrench: Array | None,
         elastic: ElasticMechanism,
         load: LoadKind,
-        one_by_one: int | None = None,
     ) -> dict[str, Array]:
         """Quantities (N,) from matrices."""
         settings = self._own.settings
@@ -468,7 +474,6 @@ class Recording:
             q,
             wrench,
             self.load_axes,
-            one_by_one,
         )
 
     def _with(self, numbers: Mapping[str, Array] | None) -> TracedModel | None:
@@ -622,20 +627,42 @@ def analyse_many(
     kind = checked_load(
         load_kind, load_at, load_axes, loads is not None, elastic.may_be_loaded
     )
-    reason = few_of_closed(elastic, len(coordinates)) if path == "auto" else ""
-    recording = Recording(
+    return arrays_of_many(
         elastic,
         # In a fixed order, so that equal sets share a kernel.
         tuple(name for name in EVERY_OUTPUT if name in names),
-        NOTHING,
-        loads is not None,
+        coordinates,
+        loads,
         kind,
         load_axes,
-        backend="engine" if reason else path,
+        path,
+        arrays=arrays,
+        threads=count,
+        size=size,
+        one_by_one=one_by_one,
     )
+
+
+def arrays_of_many(
+    elastic: ElasticMechanism,
+    names: tuple[str, ...],
+    q: Array,
+    loads: Array | None,
+    load: LoadKind,
+    axes: Axes,
+    path: Backend = "auto",
+    **how: Any,
+) -> Postures:
+    """As `analyse_many`, of checked arguments; `names` may be those of programs alone.
+
+    `how` as further arguments of `Recording.postures`.
+    """
+    reason = few_of_closed(elastic, len(q)) if path == "auto" else ""
+    acting = loads is not None, load, axes
+    backend: Backend = "engine" if reason else path
+    recording = Recording(elastic, names, NOTHING, *acting, backend=backend)
     recording.reason = reason or recording.reason
-    found = recording.postures(coordinates, loads, arrays, None, count, size, one_by_one)
-    return replace(found, arrays=arrays)
+    return recording.postures(q, loads, **how)
 
 
 def tensions_of_many(
@@ -650,15 +677,12 @@ def tensions_of_many(
 
     NaN where no tensions balance the load, and for mechanisms without legs.
     """
-    load: dict[str, Any] = {}
-    if wrench is not None:
-        load = {"load_kind": kind.kind, "load_at": kind.at, "load_axes": axes}
     springs = elastic.springs
     is_recorded = (
         springs is not None and springs.attachments() and not springs.gives_aside
     )
     path: Backend = "auto" if is_recorded else "engine"
-    found = analyse_many(
-        elastic, q, wrench=wrench, outputs=(TENSIONS,), path=path, threads=1, **load
-    )
+    if wrench is None:
+        kind, axes = DEAD_AT_ORIGIN, "body"
+    found = arrays_of_many(elastic, (TENSIONS,), q, wrench, kind, axes, path)
     return found.arrays[TENSIONS]

@@ -22,9 +22,11 @@ from cartstiff.analysis.ellipsoids import (
 )
 from cartstiff.analysis.matrices import symmetric_part, with_angles_times
 from cartstiff.arrays import Array
+from cartstiff.batch.arguments import OF_VIBRATIONS
 from cartstiff.batch.quantities import (
     ASYMMETRIC,
     BLOCKS,
+    FREQUENCIES,
     Numbers,
     Quantity,
     Rows,
@@ -232,7 +234,9 @@ class Stacks(Source):
 
     def frequency(self, i: int) -> Numbers:
         """One of the six lowest frequencies (N,) in Hz."""
-        values: Array = self.once("frequencies", self.vibrations.frequencies)
+        values: Array = self.once(
+            "frequencies", lambda: self.vibrations.frequencies(self.arrays)
+        )
         return values[:, i]
 
     def damping_ratio(self, i: int) -> Numbers:
@@ -245,10 +249,14 @@ class Stacks(Source):
 
 
 def needed_outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[str, ...]:
-    """Outputs of `analyse_many` that the quantities need, and the pose."""
+    """Outputs that the quantities need, and the pose: of `analyse_many`, and for
+    frequencies those that only recordings have.
+    """
     needed = {"pose"}
     for quantity in quantities:
         needed.update(quantity.outputs(settings))
+    if any(quantity.name in FREQUENCIES for quantity in quantities):
+        needed.update(("wrench", *OF_VIBRATIONS))
     return tuple(sorted(needed))
 
 
@@ -296,7 +304,6 @@ def quantities_of(
     q: Array,
     wrench: Array | None,
     load_axes: Axes,
-    one_by_one: int | None = None,
 ) -> dict[str, Array]:
     """Values (N,) of quantities of a mechanism at postures q (N, n).
 
@@ -307,12 +314,10 @@ def quantities_of(
         As of `evaluate`.
     q, wrench, load_axes
         Closed coordinates, and the load (6,) or (N, 6) with its axes.
-    one_by_one : int, optional
-        As of `ManyModes`.
     """
     load = settings.load
     acting = {"load_kind": load.kind, "load_at": load.at, "load_axes": load_axes}
-    swing = ManyModes(elastic, q, wrench, acting, one_by_one)
+    swing = ManyModes(elastic, q, wrench, acting)
     mechanism = elastic.mechanism
     lengths = np.array([c.is_length for c in mechanism.coordinates])
     # The Jacobian of a platform is that of its legs.

@@ -18,16 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.batch.algebra import PLAIN
-from cartstiff.batch.kernels import (
-    WORTH_COMPILING,
-    WORTH_RECORDING,
-    has_package,
-    kernel_of,
-    run,
-)
-from cartstiff.batch.plans import TracedModel, given_as, plan, program_for
-from cartstiff.batch.readings import with_masses
+from cartstiff.batch.arguments import OF_VIBRATIONS
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import LoadKind
@@ -37,8 +28,6 @@ from cartstiff.vibration.response import Damping, poles
 
 # Postures at a time, so that their matrices stay in the cache.
 _ROWS = 2048
-#: Outputs that determine the frequencies.
-_OUTPUTS = ("wrench", "kinetic", "lagrangian", "motion")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,27 +44,30 @@ class ManyModes:
         Load, as in `cartstiff.modes`.
     load : mapping
         Its `load_kind`, `load_at`, `load_axes`.
-    one_by_one : int, optional
-        Largest number of postures that recorded arithmetic cannot decide and
-        `cartstiff.modes` computes; the others are NaN.
     """
 
     elastic: ElasticMechanism
     q: Array
     wrenches: Array | None = None
     load: Mapping[str, Any] = field(default_factory=dict)
-    one_by_one: int | None = None
 
-    def frequencies(self, count: int = 6) -> Array:
+    def frequencies(self, arrays: Mapping[str, Array], count: int = 6) -> Array:
         """Lowest frequencies [Hz], (N, count).
 
         NaN where a motion is unstable, where a posture has no modes or cannot carry the
         load, and beyond the last mode.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            The wrench and `OF_VIBRATIONS`, NaN or without entries where they are not
+            recorded; with a pose that is NaN where a posture is not decided.
+        count : int
         """
-        frequencies, known = self._recorded(count)
+        frequencies, known = self._of_matrices(arrays, count)
+        if "pose" in arrays:
+            known |= ~np.isfinite(arrays["pose"]).all(axis=(1, 2))
         rows = np.flatnonzero(~known)
-        if known.any():
-            rows = rows[: self.one_by_one]
         frequencies[rows] = self._each(lambda modes: modes.frequencies, count, rows)
         return frequencies
 
@@ -114,48 +106,28 @@ class ManyModes:
             row[: values.size] = values
         return rows
 
-    def _recorded(self, count: int) -> tuple[Array, NDArray[np.bool_]]:
-        """Frequencies (N, count) by recorded arithmetic,
-        and where they are valid (N,).
-        """
-        nothing = np.full((len(self.q), count), np.nan), np.zeros(len(self.q), bool)
-        loads, axes = self._loads, self.load.get("load_axes", "body")
-        # Recorded only where it pays, and where the mechanism and its load can be
-        # recorded.
+    def _of_matrices(
+        self, arrays: Mapping[str, Array], count: int
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Frequencies (N, count) from recorded matrices, and where these are valid."""
         kind = LoadKind(
             self.load.get("load_kind", "dead"), self.load.get("load_at", LoadKind().at)
         )
-        taken: TracedModel | str = ""
-        if len(self.q) >= WORTH_RECORDING:
-            taken = plan(self.elastic, given_as(loads is not None))
-        taken = taken if isinstance(taken, str) else taken.under(kind, axes)
-        case = None if isinstance(taken, str) else with_masses(self.elastic, taken.case)
-        if isinstance(taken, str) or case is None:
-            return nothing
-        # One pass gives both matrices of every posture; the frequencies follow from them.
-        is_compiled = len(self.q) >= WORTH_COMPILING and has_package("llvmlite")
-        kernel = kernel_of(program_for(case, _OUTPUTS), is_compiled)
-        q, verdicts = self.q.copy(), np.zeros(len(self.q), np.uint8)
-        widths = {name: len(own) for name, own in kernel.program.outputs.items()}
-        arrays = {name: np.empty((len(q), widths[name])) for name in _OUTPUTS}
-        run(taken, kernel, q, loads, arrays, verdicts, 1, None)
-        return self._of_matrices(arrays, kind, verdicts == PLAIN, count)
-
-    def _of_matrices(
-        self,
-        arrays: Mapping[str, Array],
-        kind: LoadKind,
-        known: NDArray[np.bool_],
-        count: int,
-    ) -> tuple[Array, NDArray[np.bool_]]:
         length, force = convert_length(Units(), self.elastic.units)
-        n = round(arrays["kinetic"].shape[1] ** 0.5)
+        names, n = ("wrench", *OF_VIBRATIONS), 0
+        if all(name in arrays for name in names):
+            n = arrays["kinetic"].shape[1]
+        known = np.full(len(self.q), n > 0)
+        for name in names if n else ():
+            rest = tuple(range(1, arrays[name].ndim))
+            known &= np.isfinite(arrays[name]).all(axis=rest)
         frequencies = np.full((len(known), max(count, n)), np.nan)
         for start in range(0, len(known), _ROWS):
             part = slice(start, start + _ROWS)
             rows = start + np.flatnonzero(known[part])
-            W, M, H, J = (arrays[name][rows] for name in _OUTPUTS)
-            M, H, J = M.reshape(-1, n, n), H.reshape(-1, n, n), J.reshape(-1, 6, n)
+            if not rows.size:
+                continue
+            W, M, H, J = (arrays[name][rows] for name in names)
             D = kind.change(W)
             added = J.swapaxes(1, 2) @ D @ J
             K = H + 0.5 * (added + added.swapaxes(1, 2))

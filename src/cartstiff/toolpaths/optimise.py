@@ -43,7 +43,7 @@ from cartstiff.batch.quantities import (
     Settings,
     choose_quantities,
 )
-from cartstiff.batch.recording import Recording, analyse_many
+from cartstiff.batch.recording import Recording, arrays_of_many
 from cartstiff.batch.stacks import evaluate, needed_outputs
 from cartstiff.batch.strength import OF_STRENGTH, Drives
 from cartstiff.batch.vibrations import ManyModes
@@ -64,7 +64,12 @@ from cartstiff.notes import Note
 from cartstiff.numerics import NEAR_SINGULARITY
 from cartstiff.potentials.line_springs import line_geometry
 from cartstiff.results import LabelledResult
-from cartstiff.stiffness.applied_load import Axes, LoadKind, checked_load
+from cartstiff.stiffness.applied_load import (
+    DEAD_AT_ORIGIN,
+    Axes,
+    LoadKind,
+    checked_load,
+)
 from cartstiff.stiffness.compute import SCHEMA, analyse
 from cartstiff.stiffness.tensor import COMPONENTS
 from cartstiff.toolpaths.tool_path import ToolPath
@@ -734,16 +739,22 @@ class PathCost:
         """Quantities of `OF_STRENGTH` (N,) of postures under the path's wrenches."""
         if not len(names) or not len(q):
             return {}
-        settings, wrenches, acting = self._under_load, None, dict[str, Any]()
+        settings, wrenches = self._under_load, None
         if settings.is_loaded:
             poses = self.solver.kinematics.at(q).pose
             wrenches = self.path.wrenches_in_body(points, poses)
-            acting = {"load_kind": self.load.kind, "load_at": self.load.at}
         asked = [QUANTITIES[name] for name in names]
         outputs = needed_outputs(asked, settings)
-        arrays = analyse_many(self.elastic, q, wrench=wrenches, outputs=outputs, **acting)
+        found = self._arrays(outputs, q, wrenches)
         lengths = np.array([c.is_length for c in self.elastic.mechanism.coordinates])
-        return evaluate(asked, {n: arrays[n] for n in outputs}, settings, lengths)
+        return evaluate(asked, found, settings, lengths)
+
+    def _arrays(
+        self, outputs: tuple[str, ...], q: Array, load: Array | None
+    ) -> dict[str, Array]:
+        """Outputs of postures (N, n) under wrenches (N, 6), if any."""
+        kind = DEAD_AT_ORIGIN if load is None else self.load
+        return arrays_of_many(self.elastic, outputs, q, load, kind, "body").arrays
 
     def __call__(self, q: Array, points: Array) -> Judged:
         """Return the costs of postures (N, n) at points (N,) of the path."""
@@ -752,14 +763,11 @@ class PathCost:
         if not count:
             return Judged(q, value, value, ratio, ratio)
         poses = self.solver.kinematics.at(q).pose
-        outputs = tuple(
-            dict.fromkeys((*self.quantity.outputs(self._settings(0)), "jacobian"))
-        )
+        outputs = needed_outputs([self.quantity], self._settings(0))
+        outputs = tuple(dict.fromkeys((*outputs, "jacobian")))
         load = self.path.wrenches_in_body(points, poses) if self.loaded else None
-        acting: dict[str, Any] = (
-            {"load_kind": self.load.kind, "load_at": self.load.at} if self.loaded else {}
-        )
-        answers = analyse_many(self.elastic, q, wrench=load, outputs=outputs, **acting)
+        acting = {"load_kind": self.load.kind, "load_at": self.load.at}
+        answers = self._arrays(outputs, q, load)
         platform = self.elastic.mechanism
         lengths = np.array([c.is_length for c in platform.coordinates])
         if len(platform.points):  # the Jacobian's columns are the legs'
