@@ -1,5 +1,7 @@
 """Which names of the core are used outside it; imports inside functions count.
 
+Tests of its laws use it by the same doors: `from tests.doors import Chain`.
+
 python tests/doors.py --write     the allow-list again; it may only become shorter
 """
 
@@ -9,6 +11,8 @@ import ast
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +66,21 @@ def strangers(known: dict[str, Any]) -> dict[str, list[str]]:
     """Imports that pass no door, by file."""
     found = {file: sorted(names - doors(known)) for file, names in uses(set(known["core"])).items()}
     return {file: names for file, names in found.items() if names}
+
+
+@cache
+def _homes() -> dict[str, str]:
+    """Module of each door by its name."""
+    return {name: module for module, names in table()["doors"].items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    """The thing behind a door."""
+    if name.startswith("_") or name not in _homes():
+        raise AttributeError(name)
+    module = f"cartstiff.{_homes()[name]}".replace("cartstiff.cartstiff", "cartstiff")
+    home = import_module(module)
+    return getattr(home, name) if hasattr(home, name) else import_module(f"{module}.{name}")
 
 
 if __name__ == "__main__" and sys.argv[1:] == ["--write"]:

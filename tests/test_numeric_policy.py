@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 import cartstiff
-from tests.inner import numerics
+from tests.doors import numerics
 
 PACKAGE = Path(cartstiff.__file__).parent
 #: Smaller numbers, and larger ones, are thresholds, unless they stand here with their reason.

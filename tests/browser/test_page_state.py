@@ -13,7 +13,9 @@ from cartstiff import analyse_posture
 from cartstiff.geometry import se3
 from tests.browser.conftest import setup
 from tests.browser.test_page import close, matrix
-from tests.inner import ViewState, bundled_files, summary_text
+from tests.inner import ViewState
+from tests.support.printed import text_of
+from tests.support.robots import bundled_files
 
 # Where the tool is on the screen, within [-1, 1] in both directions if it is in the picture;
 # the shape at rest, drawn beside the displaced one, has a frame M of its own.
@@ -290,7 +292,7 @@ def test_an_exported_page_keeps_point_axes_and_the_kept_state(serve, pages, tmp_
     analysis = analyse_posture(result, connection=connection, at=at)
     # The answer stands before it, as the page says it, and an empty line.
     answer, _, rest = page.locator("#report pre").text_content().partition("\n\n")
-    assert rest == summary_text(analysis, arm.units)
+    assert rest == text_of(analysis, arm.units)
     assert answer.split("\n")[:2] == [
         "Positive definite: every small motion is resisted (K^B)",
         "Softest (free to turn): 18.65 N/mm along (0.07, -0.14, 0.99) of the room, "

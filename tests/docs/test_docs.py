@@ -7,7 +7,8 @@ from unittest.mock import patch
 
 import pytest
 from tests.docs.blocks import ROOT, agree, blocks_of, pages, run_page
-from tests.inner import example_robots, main
+from tests.inner import main
+from tests.support.robots import example_robots
 
 from cartstiff.extend import QUANTITIES
 

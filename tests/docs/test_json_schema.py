@@ -6,16 +6,8 @@ import re
 
 import numpy as np
 import pytest
-from tests.inner import (
-    LOAD_KINDS,
-    PostureMatrices,
-    Reading,
-    bundled_files,
-    example_robots,
-    numbers,
-    summarise,
-    unit_of,
-)
+from tests.inner import LOAD_KINDS, PostureMatrices, Reading, numbers, summarise, unit_of
+from tests.support.robots import bundled_files, example_robots
 
 import cartstiff
 from cartstiff import DeadForce, FollowerWrench, analyse_posture, equilibrium

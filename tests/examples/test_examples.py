@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.inner import example_robots
+from tests.support.robots import example_robots
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 # Six digits are kept below; rounding differs from machine to machine far behind them.

@@ -8,7 +8,7 @@ import pytest
 from tests.docs.blocks import agree
 from tests.examples.test_examples import NUMBERS as ALL
 from tests.examples.test_examples import check
-from tests.inner import example_robots
+from tests.support.robots import example_robots
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "examples" / "notebooks"

@@ -9,7 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tests.inner import bundled, candidates, model_of, read_yaml, unknowns_of
+from tests.inner import candidates, model_of, read_yaml, unknowns_of
+from tests.support.robots import bundled_files
 
 import cartstiff
 from cartstiff.geometry import se3
@@ -194,7 +195,7 @@ def _loop(path: Path, factors: np.ndarray):
     """The bundled 3-RRR with stiffnesses times some factors (40,)."""
     from ruamel.yaml import YAML
 
-    own = bundled("3-rrr")
+    own = bundled_files()["3-rrr"]
     data, _ = read_yaml(own)
     left = iter(factors.tolist())
     for i, leg in enumerate(data["legs"]):

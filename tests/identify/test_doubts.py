@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import minimize
 from tests.identify.campaigns import SPRINGS, arm, load, measurements, random_campaign, table_of
 from tests.identify.test_zeros import _urdf, campaign
-from tests.inner import answer_of_identification, answer_text
 from tests.support.commands import answer, run
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import InputError
@@ -70,7 +70,7 @@ def test_an_answer_that_springs_do_not_explain_doubts_itself_first(tmp_path, is_
             unknown = {n: np.full(len(rows), np.nan) for n in rows.deviations}
             rows = replace(rows, deviations=unknown)
         result = identify(ten, rows)
-        return result, answer_text(answer_of_identification(result)).split("\n\nStiffness")[0], rows
+        return result, text_of(result).split("\n\nStiffness")[0], rows
 
     result, first, rows = found(tool=(0.01, 0.0, 0.0))
     places = np.array([ten.mechanism.at(q).pose[:3, 3] for q in rows.q])

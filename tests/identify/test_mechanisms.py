@@ -19,7 +19,8 @@ from tests.identify.campaigns import (
     table_of,
     write_table,
 )
-from tests.inner import LoadedModel, Model, bundled, candidates, unknowns_of
+from tests.inner import LoadedModel, Model, candidates, unknowns_of
+from tests.support.robots import bundled_files
 
 import cartstiff
 from cartstiff import DeadForce, equilibrium
@@ -267,7 +268,7 @@ def test_leave_one_posture_out_is_what_leaving_out_gives(tmp_path):
 
 def test_the_springs_of_a_loop_without_named_motors_are_its_motors(tmp_path):
     """The five-bar with and without `actuated`: one posture of a table, and plans that move."""
-    path = bundled("five-bar")
+    path = bundled_files()["five-bar"]
     lines = [x for x in path.read_text("utf-8").splitlines() if not x.startswith("actuated")]
     text = "\n".join(lines).replace("five-bar.urdf", str(path.with_name("five-bar.urdf")))
     (tmp_path / "open.yaml").write_text(text, "utf-8")

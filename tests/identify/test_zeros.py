@@ -9,14 +9,13 @@ import pinocchio as pin
 import pytest
 from tests.identify.campaigns import measurements, simulated, write_table
 from tests.inner import (
-    answer_of_identification,
-    answer_text,
     candidates,
     rates_by_step,
     unknowns_of,
 )
 from tests.inner import plan_plan as plan
 from tests.support.commands import run
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import DeadWrench, InputError
@@ -182,7 +181,7 @@ def test_zeros_and_springs_come_back_together(arm, tmp_path):
     notes = {n.code: n for n in without.notes}
     assert notes["zeros-taken-as-known"].values["error"] == 5e-4
     assert "zeros-taken-as-known" not in {n.code for n in result.notes}
-    assert "shoulder_lift_joint.zero" in answer_text(answer_of_identification(result))
+    assert "shoulder_lift_joint.zero" in text_of(result)
 
 
 def test_what_half_a_milliradian_does_is_what_the_note_says(arm, tmp_path):

@@ -4,8 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from tests.inner import LoadKind, plain
+from tests.doors import LoadKind
+from tests.inner import plain
 from tests.support.commands import answer, run
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import analyse_posture
@@ -208,15 +210,14 @@ def test_output_file_holds_the_analysis(workplace):
 
 def test_a_spread_that_does_not_exist_is_a_dash(analysis):
     """A tolerance far beyond its parameter leaves values without a spread, or a spread alone."""
-    from tests.inner import summary_text
 
     found = analysis("cubic --tolerance 0.1,0.0001 --length 0.3")
-    whole = summary_text(found).splitlines()
+    whole = text_of(found).splitlines()
     for entry in found["uncertainty"]["numbers"].values():
         entry |= {"deviation": None, "lower": None, "upper": None}
         if "main_share" in entry:
             entry["main_share"] = None
-    lines = summary_text(found).splitlines()
+    lines = text_of(found).splitlines()
     assert len(lines) == len(whole)
     assert [line for line in lines if line.endswith(" -, -, -")]
 

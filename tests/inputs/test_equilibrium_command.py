@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import example_robots
 from tests.support.commands import answer, run
+from tests.support.robots import example_robots
 
 import cartstiff
 from cartstiff import DeadForce, equilibrium

@@ -94,7 +94,7 @@ def test_missing_packages_are_named_with_what_to_do(tmp_path):
         '<geom size="0.1"/></body></worldbody></mujoco>'
     )
     assert "expected common/shared.xml beside it" in run("analyse", mjcf, code=2)
-    from tests.inner import visuals_of
+    from tests.support.robots import visuals_of
 
     (urdf := tmp_path / "arm.urdf").write_text(
         '<robot name="a"><link name="base"/><link name="tip"><visual><geometry>'

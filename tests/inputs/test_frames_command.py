@@ -4,9 +4,10 @@ import json
 import math
 
 import pytest
-from tests.inner import bundled_files, describe_frames, example_robots, frames_of
+from tests.inner import describe_frames, frames_of
 from tests.mechanisms.machines import joint, write_file, write_urdf
 from tests.support.commands import answer, run
+from tests.support.robots import bundled_files, example_robots
 
 import cartstiff
 from cartstiff.extend import json_schema

@@ -7,7 +7,8 @@ import click
 import numpy as np
 import pytest
 from scipy.optimize import linprog
-from tests.inner import _COMMANDS, LegLimits, lines_at
+from tests.doors import LegLimits
+from tests.inner import _COMMANDS, lines_at
 from tests.inner import command as cartstiff_command
 from tests.support.commands import answer
 

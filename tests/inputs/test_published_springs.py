@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import example_robot, published_springs
+from tests.inner import published_springs
 from tests.support.commands import answer, run
+from tests.support.robots import example_robot
 
 import cartstiff
 from cartstiff import InputError

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from tests.inner import with_rest_balancing
+from tests.doors import with_rest_balancing
 from tests.support.commands import outcome
 
 import cartstiff

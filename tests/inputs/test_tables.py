@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from tests.doors import Units
 from tests.identify.campaigns import simulated
-from tests.inner import DISPLACEMENT, Units, csv_rows, csv_text, read_rows, table_text
+from tests.inner import DISPLACEMENT, csv_rows, csv_text, read_rows, table_text
 from tests.inner import measurements_ROTATION as ROTATION
 from tests.support.commands import answer, run
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import bundled_files, example_robots
+from tests.support.robots import bundled_files, example_robots
 
 import cartstiff
 from cartstiff import InputError

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import LETTERS, Parameters, Posture, Uncertain, joint_shares, numbers, summary_text
+from tests.inner import LETTERS, Parameters, Posture, Uncertain, joint_shares, numbers
 from tests.support import adjoint_reference, body_jacobian, frame_pose, loaded_arm
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import (
@@ -73,7 +74,7 @@ def checked(result: PostureStiffness, **options: Any) -> dict[str, Any]:
     found = analyse_posture(result, **options)
     assert set(found) == KEYS
     assert json.loads(json.dumps(found, allow_nan=False)) == found
-    text = summary_text(found, result.elastic.units.to_dict())
+    text = text_of(found, result.elastic.units.to_dict())
     assert "nan" not in text.replace("determinant", "")
     assert "None" not in text
     return found
@@ -320,7 +321,7 @@ def test_inertia_gives_frequencies() -> None:
     assert found["modes"]["metric"] == "inertia"
     assert found["modes"]["eigenvalues"] == pytest.approx(sorted(expected))
     assert found["length"]["origin"] == "inertia"
-    assert "[Hz]" in summary_text(found)
+    assert "[Hz]" in text_of(found)
 
 
 # -- parameters ------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.support.printed import text_of
 
 import cartstiff
 
@@ -71,15 +72,14 @@ def test_the_way_back_to_a_limit_is_no_deflection(
 
 
 def test_it_is_said_first() -> None:
-    from tests.inner import describe, describe_equilibrium
 
     elastic = arm(LIMITED.format(-1, 0.1))
     state = cartstiff.equilibrium(elastic, wrench=[0, 0, 0, *FORCE], q=[0.2, 0.3])
-    doubts = describe_equilibrium(state).partition("Doubts\n")[2].splitlines()
+    doubts = text_of(state).partition("Doubts\n")[2].splitlines()
     assert doubts[0].startswith("  [beyond-limits] at the start: beyond limits: j1 is at 0.2 rad")
     assert "without" in doubts[0]
     result = cartstiff.analyse(elastic, [0.2, 0.3])
-    doubts = describe(result).partition("Doubts\n")[2]
+    doubts = text_of(result).partition("Doubts\n")[2]
     assert doubts.startswith("  [beyond-limits] beyond limits: j1")
 
 

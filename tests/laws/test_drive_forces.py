@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.inner import DEAD_AT_ORIGIN, RecordedPostures
+from tests.doors import DEAD_AT_ORIGIN
+from tests.inner import RecordedPostures
 from tests.support.commands import answer, run
 
 import cartstiff as cs

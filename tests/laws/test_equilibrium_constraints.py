@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.inner import displacement_between, with_rest_balancing
+from tests.doors import displacement_between, with_rest_balancing
 from tests.support import general_legs, legs_as_platform, relative_error, robot_file
 
 import cartstiff

@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import brentq
-from tests.inner import Chain, PolynomialLaw, plain_tree, save_figure, with_rest_balancing
+from tests.doors import Chain, PolynomialLaw, plain_tree, with_rest_balancing
+from tests.inner import save_figure
 from tests.support import links, robot_file
 
 import cartstiff

@@ -6,7 +6,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from tests.inner import Assembler, Chain
+from tests.doors import Chain
+from tests.inner import Assembler
 
 import cartstiff
 from cartstiff import ConvergenceError

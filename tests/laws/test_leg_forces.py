@@ -7,15 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.inner import (
-    LoadKind,
-    Margins,
-    Session,
-    Source,
-    carried,
-    read_message,
-    with_rest_balancing,
-)
+from tests.doors import LoadKind, with_rest_balancing
+from tests.inner import Margins, Session, Source, carried, read_message
 from tests.mechanisms.machines import write_file
 from tests.view.conftest import NoPicture
 

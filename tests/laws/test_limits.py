@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
-from tests.inner import Limits, PlatformPoses, answer_of_compensation, answer_text, state_names
+from tests.doors import Limits
+from tests.inner import PlatformPoses, state_names
 from tests.support import robot_file
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import DeadForce, compensate, equilibrium, load_curve
@@ -80,11 +82,7 @@ def test_legs_out_of_reach_are_named_by_every_command(tmp_path):
     assert "beyond-limits" in notes_of(curve)
     path = compensate(elastic, [far, far, elastic.q, far], [load] * 4)
     assert {"beyond-limits", "command-beyond-limit"} <= set(notes_of(path))
-    told = [
-        line
-        for line in answer_text(answer_of_compensation(path)).splitlines()
-        if "the command of leg2" in line
-    ]
+    told = [line for line in text_of(path).splitlines() if "the command of leg2" in line]
     assert told == [
         "  [command-beyond-limit] points 1-2, 4: the command of leg2 is beyond its limit"
     ]

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import OUTPUTS, Array, Closer, plan, rotation_vector
+from tests.doors import Array
+from tests.inner import OUTPUTS, Closer, plan, rotation_vector
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff

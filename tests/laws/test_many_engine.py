@@ -8,23 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pinocchio
 import pytest
-from tests.inner import (
-    OUTPUTS,
+from tests.doors import (
     Array,
     Chain,
     CoupledSprings,
     KinematicTree,
     LoadKind,
     PolynomialLaw,
-    PortableKernel,
     Struts,
     TabulatedLaw,
-    Tape,
-    deflection_for,
     plain_tree,
-    tensions_of,
-    tensions_of_many,
 )
+from tests.inner import OUTPUTS, PortableKernel, Tape, deflection_for, tensions_of, tensions_of_many
 from tests.support import add_frame, random_pose, serial_model
 
 import cartstiff

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.inner import Array, LoadKind, MapJob, Section, Settings, segments_of_many
+from tests.doors import Array, LoadKind, Section
+from tests.inner import MapJob, Settings, segments_of_many
 from tests.laws.test_many_closed_chains import RECORDED, starts, weighed
 from tests.laws.test_many_engine import assert_same
 from tests.support.read import read as recorded

@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.doors import Array
 from tests.inner import (
     OUTPUTS,
     WORTH_RECORDING,
-    Array,
     Settings,
     choose_quantities,
     evaluate,

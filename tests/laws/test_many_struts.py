@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.inner import Array, MountedStruts, strut_states, with_rest_balancing
+from tests.doors import Array, with_rest_balancing
+from tests.inner import MountedStruts, strut_states
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff

@@ -7,17 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import (
-    SCHEMA,
-    SI,
-    Chain,
-    Closure,
-    Note,
-    PolynomialLaw,
-    Units,
-    plain_tree,
-    with_rest_balancing,
-)
+from tests.doors import SI, Chain, Closure, PolynomialLaw, Units, plain_tree, with_rest_balancing
+from tests.inner import SCHEMA, Note
 from tests.support import (
     add_frame,
     adjoint_reference,

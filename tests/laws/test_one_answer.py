@@ -19,18 +19,15 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.doors import Chain, Closure, numerics, plain_tree
 from tests.inner import (
     Answer,
-    Chain,
-    Closure,
     Session,
     Settings,
     Source,
     ViewState,
     choose_quantities,
     evaluate,
-    numerics,
-    plain_tree,
     shown_numbers,
 )
 from tests.support import (

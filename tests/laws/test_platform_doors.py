@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from tests.inner import LoadKind, Margins, Session, Source, read_message
+from tests.doors import LoadKind
+from tests.inner import Margins, Session, Source, read_message
 from tests.mechanisms.machines import write_file
 from tests.support.generated import Arm
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.inner import PolynomialLaw, TabulatedLaw, TaylorCheck
+from tests.doors import PolynomialLaw, TabulatedLaw
+from tests.inner import TaylorCheck
 from tests.support import bend, hessian_of, seeds, slope
 
 from cartstiff import InputError, JointFunction, JointSprings, PoseFunction

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import kernels, with_rest_balancing
+from tests.doors import with_rest_balancing
+from tests.inner import kernels
 from tests.support.generated import Arm, FourBar
 
 import cartstiff

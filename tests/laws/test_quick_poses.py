@@ -4,7 +4,8 @@ import pickle
 
 import numpy as np
 import pytest
-from tests.inner import JointPoses, QuickPoses, cartesian
+from tests.doors import JointPoses
+from tests.inner import QuickPoses, cartesian
 
 import cartstiff
 from cartstiff.geometry import se3

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.inner import LoadKind, OfFunction, OfQuantity, Settings, derivative_with_error
+from tests.doors import LoadKind, derivative_with_error
+from tests.inner import OfFunction, OfQuantity, Settings
 from tests.inner import gradient_Question as _Question
 from tests.support.builders import general_legs, legs_as_platform, legs_as_tree, loaded_arm
 

@@ -6,16 +6,8 @@ import pickle
 
 import numpy as np
 import pytest
-from tests.inner import (
-    DEAD_AT_ORIGIN,
-    LoadKind,
-    RecordedPostures,
-    Session,
-    Source,
-    ViewState,
-    read_message,
-    shown_numbers,
-)
+from tests.doors import DEAD_AT_ORIGIN, LoadKind
+from tests.inner import RecordedPostures, Session, Source, ViewState, read_message, shown_numbers
 
 import cartstiff
 from cartstiff import ConvergenceError

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.inner import compute, numerics, reduction, threads
+from tests.doors import numerics
+from tests.inner import compute, reduction, threads
 
 import cartstiff
 

@@ -8,19 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import (
+from tests.doors import (
     Chain,
     Closure,
     PolynomialLaw,
     TabulatedLaw,
     Units,
-    checked_vector,
     convert_length,
-    flat,
     line_geometry,
+    plain_tree,
+)
+from tests.inner import (
+    checked_vector,
+    flat,
     named_values,
     one_line,
-    plain_tree,
     product_of_exponentials,
     write_json,
     write_whole,

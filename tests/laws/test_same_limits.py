@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.inner import LegMargins, Margins, Session, Source, carried, checked_load, read_message
+from tests.doors import checked_load
+from tests.inner import LegMargins, Margins, Session, Source, carried, read_message
 from tests.inputs.test_every_key import SPRINGS
 from tests.mechanisms.machines import write_file
 from tests.view.conftest import NoPicture

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.inner import PLAIN, error_of_soft_directions, holds_soft_directions, numerics
+from tests.doors import numerics
+from tests.inner import PLAIN, error_of_soft_directions, holds_soft_directions
 
 import cartstiff
 from cartstiff import analyse_many

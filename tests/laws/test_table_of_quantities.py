@@ -11,10 +11,10 @@ from functools import partial
 
 import numpy as np
 import pytest
+from tests.doors import LoadKind
 from tests.inner import (
     FREQUENCIES,
     READINGS,
-    LoadKind,
     ManyModes,
     Settings,
     choose_quantities,

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
-from tests.inner import NAMED, Field, Units, convert_length, format_matrix
+from tests.doors import NAMED, Units, convert_length, format_matrix
+from tests.inner import Field
 from tests.support import (
     adjoint_reference,
     cross_matrix,

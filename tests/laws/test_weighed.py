@@ -9,15 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.doors import gravity_loads
 from tests.inner import (
-    answer_of_compensation,
-    answer_of_curve,
-    answer_text,
     describe,
     describe_equilibrium,
-    gravity_loads,
 )
 from tests.support import robot_file
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import DeadForce, compensate, equilibrium, load_curve, payload
@@ -102,8 +100,8 @@ def test_every_report_says_what_was_weighed(arm):
     results = [
         (cartstiff.analyse(arm, Q), describe),
         (equilibrium(arm, Q, hung), describe_equilibrium),
-        (load_curve(arm, Q, hung), lambda result: answer_text(answer_of_curve(result))),
-        (compensate(arm, [Q], [hung]), lambda result: answer_text(answer_of_compensation(result))),
+        (load_curve(arm, Q, hung), lambda result: text_of(result)),
+        (compensate(arm, [Q], [hung]), lambda result: text_of(result)),
     ]
     for result, text in results:
         data = json.loads(json.dumps(result.to_dict()))
@@ -118,7 +116,7 @@ def test_every_report_says_what_was_weighed(arm):
     light = cartstiff.analyse(replace(arm, gravity=None), Q)
     assert light.to_dict()["gravity"] is None
     assert light.to_dict()["weighed"] == []
-    assert "Gravity: none" in describe(light)
+    assert "Gravity: none" in text_of(light)
 
 
 def test_links_without_mass_are_named():

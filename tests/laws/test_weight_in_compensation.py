@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import answer_of_compensation, answer_text
 from tests.support.commands import answer, run
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import ConvergenceError, InputError, compensate
@@ -57,7 +57,7 @@ def test_the_shares(arm, postures, winds, against, stated):
     np.testing.assert_allclose(path.offsets, pushed + own, atol=1e-9)
     moved = path.summary()["before"]["translation_max"]
     assert path.summary()["after"]["translation_max"] < 1e-9 < moved
-    text = answer_text(answer_of_compensation(path))
+    text = text_of(path)
     assert f"--against {against}" in text
     assert f"{np.degrees(np.abs(weight).max(axis=0)[1]):.6g}" in text
 

@@ -10,19 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.doors import PolynomialLaw
 from tests.inner import (
-    PolynomialLaw,
     Scaled,
     answer_at,
-    describe,
-    describe_equilibrium,
     parts_of_links,
     percent,
     posture_notes,
     share_words,
-    summary_text,
 )
 from tests.inner import command as cartstiff_command
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import (
@@ -47,7 +45,7 @@ def test_stored_energy_is_that_of_the_springs_alone():
     assert found.stored_energy == pytest.approx(stored, rel=1e-12)
     assert found.energy == pytest.approx(stored + 200.0 * state.pose[2, 3], rel=1e-12)
     assert found.to_dict()["stored_energy"] == found.stored_energy
-    text = describe_equilibrium(state)
+    text = text_of(state)
     assert f"energy stored in the springs {stored:.6g} N m" in text
     assert f"potential of gravity and loads {200.0 * state.pose[2, 3]:.6g} N m" in text
 
@@ -58,7 +56,7 @@ def test_the_load_of_a_deficient_mechanism_is_the_one_put_on():
     state = equilibrium(cartstiff.load("five-bar"), DeadForce(force))
     expected = np.concatenate([np.zeros(3), state.pose[:3, :3].T @ force])
     assert state.elastic_stiffness.wrench == pytest.approx(expected, abs=1e-9)
-    assert "springs and structure carry it together" in describe_equilibrium(state)
+    assert "springs and structure carry it together" in text_of(state)
     # Off the frame's origin, and with springs' forces alone, which leave it open.
     point = np.array([0.0, 0.02, 0.01])
     state = equilibrium(cartstiff.load("five-bar"), DeadForce(force, point))
@@ -66,7 +64,7 @@ def test_the_load_of_a_deficient_mechanism_is_the_one_put_on():
     expected = np.concatenate([np.cross(point, local), local])
     assert state.elastic_stiffness.wrench == pytest.approx(expected, abs=1e-9)
     held = equilibrium(cartstiff.load("five-bar"), held={"x": 0.002})
-    assert "what the structure carries is not known" in describe_equilibrium(held)
+    assert "what the structure carries is not known" in text_of(held)
 
 
 def test_a_misfit_is_called_a_misfit():
@@ -74,7 +72,7 @@ def test_a_misfit_is_called_a_misfit():
     target = np.diag([1e3, 2e3, 3e3, 4e5, 5e5, 6e5])
     found = analyse_posture(cartstiff.analyse(arm), target=target)
     fit = found["synthesis"]["target"]["diagonal_fit"]
-    text = summary_text(found, arm.units.to_dict())
+    text = text_of(found, arm.units.to_dict())
     assert f"independent springs miss it by {percent(fit['residual'])} at best" in text
     assert "as close as" not in text
 
@@ -87,16 +85,16 @@ def test_centres_say_from_where():
         expected = np.array(point) - T[:3, 3]
         assert np.allclose(there["centres"][name], expected, atol=1e-9)
     units = {"length": "m", "force": "N", "angle": "rad"}
-    assert "Centres, from the origin of the body frame" in summary_text(here, units)
-    assert "Centres, from this point" in summary_text(there, units)
+    assert "Centres, from the origin of the body frame" in text_of(here, units)
+    assert "Centres, from this point" in text_of(there, units)
 
 
 def test_rounding_is_not_printed():
     """A force along two axes alone; the third component comes back as 4e-12 N."""
     load = {"wrench": [0, 75.0, 0, 300.0, 0, -100], "load_axes": "world"}
-    text = describe(cartstiff.analyse(cartstiff.load("ur5"), **load))
+    text = text_of(cartstiff.analyse(cartstiff.load("ur5"), **load))
     assert "\nLoad: dead, force (300, 0, -100) N, moment (0, 75, 0) N m along the axes of" in text
-    text = describe(cartstiff.analyse(cartstiff.load("ur5").with_potential(DeadForce([0, 0, -20]))))
+    text = text_of(cartstiff.analyse(cartstiff.load("ur5").with_potential(DeadForce([0, 0, -20]))))
     assert "no wrench is needed to hold the body here" in text
 
 
@@ -109,11 +107,11 @@ def _numbers(text):
 def test_no_rounding_among_pitches_couplings_modes_and_coordinates(name):
     result = cartstiff.analyse(cartstiff.load(name))
     section = analyse_posture(result, mass=2.0, inertia=np.eye(3) * 0.1)
-    text = summary_text(section, result.elastic.units)
+    text = text_of(section, result.elastic.units)
     kept = [row for row in text.splitlines() if "residual" not in row and "of its block" not in row]
     assert [x for x in _numbers("\n".join(kept)) if 0.0 < abs(x) < 1e-11] == []
     state = equilibrium(cartstiff.load(name), DeadForce([0.0, 0.0, -2.0]))
-    posture = describe(state.stiffness, at_rest=True).partition("Stiffness")[0]
+    posture = text_of(state.stiffness, at_rest=True).partition("Stiffness")[0]
     assert [x for x in _numbers(posture) if 0.0 < abs(x) < 1e-12] == []
 
 
@@ -129,9 +127,9 @@ def test_weights_over_the_origin_have_no_potential():
     cubic = cartstiff.load("cubic").with_payload(2.0).with_gravity()
     result = cartstiff.analyse(cubic, np.array([0.0, 0.0, 3e-17, 0.0, 0.0, 0.0]))
     assert result.energy != result.stored_energy
-    assert "potential of gravity" not in describe(result)
+    assert "potential of gravity" not in text_of(result)
     raised = cartstiff.analyse(cubic, np.array([0.0, 0.0, 3e-6, 0.0, 0.0, 0.0]))
-    assert "potential of gravity and loads 5.886e-05 N m" in describe(raised)
+    assert "potential of gravity and loads 5.886e-05 N m" in text_of(raised)
 
 
 def test_a_share_of_nothing_is_no_number():
@@ -170,7 +168,7 @@ def test_a_mechanism_without_its_springs_has_zeros_and_no_rounding(name):
             scaled = values * (1.0 if freedom == "rotation" else length**2)
             assert np.all((scaled == 0.0) | (scaled > 1e-12 * np.abs(K).max()))
     assert section["indices"]["minimum_stiffness"] == 0.0
-    assert "compliance does" not in describe(result)
+    assert "compliance does" not in text_of(result)
 
 
 def test_lines_in_a_tilted_plane_hold_nothing_out_of_it(tmp_path):
@@ -228,7 +226,7 @@ def test_directions_are_shown_without_their_rounding():
     axes = np.array(summary["ellipsoids"]["stiffness"]["translation"]["free"]["axes"])
     small = np.abs(axes[(axes != 0.0) & (np.abs(axes) < 1e-9)])
     assert small.size
-    text = summary_text(summary, found.units.to_dict())
+    text = text_of(summary, found.units.to_dict())
     rows = [line for line in text.splitlines() if line.startswith("    axis ")]
     shown = [re.findall(r"[-\d][-.\de]*", line)[1:] for line in rows]
     assert all(len(row) == 6 for row in shown)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pinocchio as pin
-from tests.inner import Chain, plain_tree
+from tests.doors import Chain, plain_tree
 from tests.support import translation
 
 from cartstiff import ElasticMechanism, JointSprings

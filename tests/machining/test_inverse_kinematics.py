@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
-from tests.inner import JointPoses, distinct, example_robots, pose_errors
+from tests.doors import JointPoses
+from tests.inner import distinct, pose_errors
 from tests.inner import joint_poses_Kinematics as Kinematics
 from tests.machining import planar
 from tests.support import frame_pose, loaded_arm, random_pose
+from tests.support.robots import example_robots
 
 import cartstiff
 from cartstiff import InputError, inverse_kinematics

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.inner import NEARBY, answer_of_path, answer_text
+from tests.inner import NEARBY
 from tests.machining import planar
+from tests.support.printed import text_of
 from tests.view.test_report import HEAVY
 
 import cartstiff
@@ -63,7 +64,7 @@ def test_a_path_begins_near_the_posture(free):
     limit = found.summary()["nearest_limit"]
     assert (limit["name"], limit["point"]) == (arm.names[joint], point + 1)
     assert limit["distance"] == pytest.approx(away.min())
-    text = answer_text(answer_of_path(found))
+    text = text_of(found)
     assert f"nearest to a limit: {limit['name']} at point {point + 1}, " in text
     assert f"{np.degrees(away.min()):.4g} deg from it" in text
 
@@ -119,7 +120,7 @@ def test_a_path_keeps_a_margin_and_says_where_it_is_least():
         assert found.summary()["least_margin"] == pytest.approx(least)
         assert found.to_dict()["margins"] == found.margins.tolist()
         said = f"drives: {least['name']} leaves least of its limit at point {point + 1}"
-        assert said in answer_text(answer_of_path(found))
+        assert said in text_of(found)
         assert "effort_margin" in found.to_csv().splitlines()[0]
     assert kept.margins.min() >= asked > free.margins.min()
     assert kept.values.mean() > free.values.mean()

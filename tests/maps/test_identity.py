@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import _PARTS, bundled_folder, identity_of, part_elsewhere, prepare_map, version
+from tests.inner import _PARTS, identity_of, part_elsewhere, prepare_map, version
+from tests.support.robots import FOLDER
 
 import cartstiff
 from cartstiff import InputError
@@ -36,7 +37,7 @@ def test_one_number_edits_are_never_mixed():
 def test_masses_of_an_included_file_are_seen(tmp_path):
     """The case that statics at two postures did not see: frequencies changed, stiffness did not."""
     for name in ("five-bar.yaml", "five-bar.urdf"):
-        shutil.copy(bundled_folder() / name, tmp_path)
+        shutil.copy(FOLDER / name, tmp_path)
     model = tmp_path / "five-bar.urdf"
     prepared(cartstiff.load(tmp_path / "five-bar.yaml"), tmp_path)
     text = model.read_text()
@@ -109,7 +110,7 @@ def test_use_does_not_change_an_identity(name):
 
 def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):
     for name in ("five-bar.yaml", "five-bar.urdf"):
-        shutil.copy(bundled_folder() / name, tmp_path)
+        shutil.copy(FOLDER / name, tmp_path)
     file, model = tmp_path / "five-bar.yaml", tmp_path / "five-bar.urdf"
     text = file.read_text()
     assert "stiffness: 800" in text

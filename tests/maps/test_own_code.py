@@ -8,7 +8,9 @@ import sys
 import threading
 
 import pytest
-from tests.inner import bundled_folder, fingerprint, prepare_map
+from tests.doors import fingerprint
+from tests.inner import prepare_map
+from tests.support.robots import FOLDER
 
 import cartstiff
 from cartstiff import InputError
@@ -148,7 +150,7 @@ def test_what_cannot_be_covered_wants_a_version(monkeypatch):
 
 def test_comments_order_and_line_ends_are_no_changes(tmp_path):
     for name in ("five-bar.yaml", "five-bar.urdf"):
-        shutil.copy(bundled_folder() / name, tmp_path)
+        shutil.copy(FOLDER / name, tmp_path)
     file, model = tmp_path / "five-bar.yaml", tmp_path / "five-bar.urdf"
     before = cartstiff.load(file).files
     text, xml = file.read_text(), model.read_text()

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.doors import LoadKind
 from tests.inner import (
     BUILT_IN,
     CHECKSUM,
     STATES,
-    LoadKind,
     PostureMatrices,
     Settings,
     choose_quantities,

@@ -10,15 +10,13 @@ import mpmath
 import numpy as np
 import pinocchio
 import pytest
+from tests.doors import Chain, LoadKind, Struts, numerics, plain_tree
 from tests.inner import (
     FREQUENCIES,
     READINGS,
-    Chain,
-    LoadKind,
     MapJob,
     PortableKernel,
     Settings,
-    Struts,
     Tape,
     ascending,
     choose_quantities,
@@ -28,8 +26,6 @@ from tests.inner import (
     frequency_name,
     largest_eigenvalue,
     loss_of_elimination,
-    numerics,
-    plain_tree,
     principal_values,
 )
 from tests.support import serial_model

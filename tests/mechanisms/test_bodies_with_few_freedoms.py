@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from tests.inner import answer_at, answer_sentences
 from tests.mechanisms.machines import codes, joint, note, write_file, write_urdf
+from tests.support.printed import sentences_of
 
 import cartstiff
 
@@ -155,7 +155,7 @@ def test_a_body_that_turns_by_a_tilt_of_its_axes_says_so(tmp_path, tilt):
     assert 0.5 * tilt < found.values["share"] < 2.0 * tilt
     C = [result.compliances["B"][3:, 3:] for result in (exact, tilted)]
     np.testing.assert_allclose(C[1], C[0], atol=10 * tilt * C[0].max())
-    headlines = [answer_sentences(answer_at(result)) for result in (exact, tilted)]
+    headlines = [sentences_of(result) for result in (exact, tilted)]
     assert headlines[0] == headlines[1]
     assert any("N/mm" in line for line in headlines[1])
 
@@ -173,7 +173,7 @@ def test_a_mast_that_topples_is_indefinite(tmp_path, stiffness):
     left = stiffness - 2.0 * 9.81 * 1.0
     np.testing.assert_allclose(result.compliances["load"][0, 0], 1 / left)
     assert ("indefinite" in codes(result)) == (left < 0)
-    answer = answer_sentences(answer_at(result))
+    answer = sentences_of(result)
     assert any("Not stable" in line for line in answer) == (left < 0)
     if left < 0:
         found = note(result, "indefinite")

@@ -6,8 +6,8 @@ from math import cos, pi, sin
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import example_robot
 from tests.mechanisms.machines import write_file
+from tests.support.robots import example_robot
 
 import cartstiff
 

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from tests.inner import Flexure, FlexureStruts
+from tests.doors import Flexure, FlexureStruts
 from tests.mechanisms.machines import joint, write_file, write_urdf
 from tests.support import relative_error
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
-from tests.inner import describe
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.oracle import ROBOTS, Held, missed
+from tests.support.printed import text_of
 
 from cartstiff import UndefinedError, analyse, analyse_many, analyse_posture, load
 from cartstiff.geometry import CARTAN_PLUS
@@ -130,7 +130,7 @@ def test_a_load_leaves_the_spin_about_the_contacts_to_its_lever(tmp_path, squeez
         assert analyse_posture(result, connection="load")["definiteness"] != "positive"
         over = analyse(elastic, wrench=[0, 0, 0, 0, 0, f], load_at=(0, 0, 0.01))
         assert over.tangent[1, 1] == pytest.approx(0.01 * f, rel=1e-12)
-        text = describe(result)
+        text = text_of(result)
         assert "e-3" not in text.split("Pose of the body frame")[0]  # what is 0 to rounding
         found = analyse_many(elastic, [result.q], wrench=[0, 0, 0, 0, 0, f])
         assert found.codes[found.state[0]] == "singular-stiffness"

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from tests.inner import Section
+from tests.doors import Section
 
 from cartstiff import DeadForce, equilibrium, load
 from cartstiff.extend import Beam

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
-from tests.inner import bundled_files
 from tests.support.digits import skew, turned
+from tests.support.robots import bundled_files
 
 import cartstiff
 

@@ -105,7 +105,8 @@ def test_there_and_back():
 
 
 def test_pictures_have_the_size_of_the_mechanism():
-    from tests.inner import Box, visuals_of
+    from tests.doors import Box
+    from tests.support.robots import visuals_of
 
     box = "<visual><geometry><box size='.1 .2 .3'/></geometry><origin xyz='0 0 1'/></visual>"
     arm = cartstiff.load(SLIDING.replace("<link name='l3'/>", f"<link name='l3'>{box}</link>"))

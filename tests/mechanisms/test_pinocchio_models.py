@@ -8,8 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import TreeState, example_robot, plain_tree, visuals_of
+from tests.doors import plain_tree
+from tests.inner import TreeState
 from tests.support.commands import refuses
+from tests.support.robots import example_robot, visuals_of
 
 import cartstiff
 from cartstiff import InputError

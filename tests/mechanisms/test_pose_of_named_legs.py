@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import COORDINATES
+from tests.doors import COORDINATES
 from tests.support.commands import outcome
 
 import cartstiff

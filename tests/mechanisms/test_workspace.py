@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
 from scipy.spatial.transform import Rotation
+from tests.doors import DEAD_AT_ORIGIN
 from tests.inner import (
-    DEAD_AT_ORIGIN,
     LegMargins,
     Margins,
-    answer_of_workspace,
-    answer_text,
     around,
     lines_at,
     wrench_margins,
@@ -24,6 +22,7 @@ from tests.inputs.test_every_key import PLATFORM
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_assembly_modes import FICHTER, MA_ANGELES
 from tests.support.commands import answer, refuses, run
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import InputError
@@ -235,7 +234,7 @@ def test_boundaries_of_bodies_on_legs_agree_with_analyse(machines, name, axes):
         assert found.notes[-1].code == "no-fits"
     json_text = json.dumps(found.to_dict(), allow_nan=False)
     jsonschema.validate(json.loads(json_text), json_schema("workspace"))
-    assert found.axes[2] in answer_text(answer_of_workspace(found))
+    assert found.axes[2] in text_of(found)
 
 
 def test_legs_of_joints_stay_in_their_working_mode():
@@ -426,7 +425,7 @@ def test_tensions_nearest_to_the_middle_of_their_limits(tmp_path):
     )
     assert np.allclose(middle.distribution["at_centre"], best.x, atol=1e-6)
     assert every.distribution["at_centre"] == middle.distribution["at_centre"]
-    assert "nearest to the middle" in answer_text(answer_of_workspace(middle))
+    assert "nearest to the middle" in text_of(middle)
     jsonschema.validate(json.loads(json.dumps(middle.to_dict())), json_schema("workspace"))
     typed = answer(
         f"workspace {tmp_path / 'cables.yaml'} --tensions closed-form --radius 2",

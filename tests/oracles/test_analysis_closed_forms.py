@@ -26,10 +26,10 @@ from tests.inner import (
     shares_of,
     stiffness_block,
     summarise,
-    summary_text,
     twist_compliant_axes,
     wrench_compliant_axes,
 )
+from tests.support.printed import text_of
 
 from cartstiff.analysis import (
     best_conditioned_length,
@@ -260,17 +260,17 @@ def test_summary_of_an_asymmetric_matrix_says_so() -> None:
     assert s["symmetrised"]
     assert s["length"] == {"value": 0.25, "origin": "given", "reason": "given by the user"}
     assert s["eigenscrews"]["complete"]
-    assert "the symmetric part of K^A" in summary_text(s)
+    assert "the symmetric part of K^A" in text_of(s)
 
 
 def test_text_has_units() -> None:
     matrices, W = loaded_cube()
     s = summarise(PostureMatrices(matrices, W))
-    text = summary_text(s)
+    text = text_of(s)
     for words in ("[N m/rad]", "[N/mm]", "Eigenscrews", "asymmetry of K^A"):
         assert words in text
     assert s["connections"]["verdict"] in text
-    centimetres = summary_text(s, {"length": "cm", "force": "N", "angle": "rad"})
+    centimetres = text_of(s, {"length": "cm", "force": "N", "angle": "rad"})
     assert "[N cm/rad]" in centimetres
     assert "N/m]" not in centimetres
 
@@ -284,7 +284,7 @@ def test_summary_without_stiffness_uses_the_compliance() -> None:
     free = s["ellipsoids"]["compliance"]["translation"]["free"]
     assert free["eigenvalues"] == pytest.approx([0.0, 0.0, 0.2])
     assert [n["code"] for n in s["notes"]] == ["no-stiffness"]
-    assert "Principal compliance" in summary_text(s)
+    assert "Principal compliance" in text_of(s)
     # A rotation about z moves a point on x along y as well.
     moved = summarise(
         PostureMatrices({"B": None}, np.zeros(6), compliance=C),
@@ -301,7 +301,7 @@ def test_summary_of_singular_and_indefinite_matrices_gives_reasons(values: tuple
     assert s["definiteness"] != "positive"
     codes = {note["code"] for note in s["notes"]}
     assert codes & {"no-centre-of-compliance", "no-centre-of-stiffness"}
-    text = summary_text(s)
+    text = text_of(s)
     assert "Does not exist here" in text
     assert "nan" not in text.replace("determinant", "").split()
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.inner import Parameters, Uncertain, describe, shares_of, summary_text
+from tests.inner import Parameters, Uncertain, shares_of
 from tests.support import loaded_arm
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import ElasticMechanism, JointSprings, PostureStiffness, analyse_posture
@@ -55,7 +56,7 @@ def test_one_common_factor_scales_everything() -> None:
 def planar(lengths: tuple[float, float]) -> ElasticMechanism:
     """A 2R arm in the xy plane."""
     import pinocchio as pin
-    from tests.inner import Chain, plain_tree
+    from tests.doors import Chain, plain_tree
     from tests.support import add_frame, translation
 
     model = pin.Model()
@@ -97,7 +98,7 @@ def test_stiffness_of_an_arm_under_load() -> None:
 def test_text_of_the_uncertainty() -> None:
     result = cartstiff.analyse(cartstiff.load("cubic"))
     found = analyse_posture(result, tolerances=Tolerances(0.05, 1e-3))
-    short, full = describe(result, analysis=found, level="short"), summary_text(found)
+    short, full = text_of(result, analysis=found, level="short"), text_of(found)
     assert "Uncertainty from stiffness 5 %, lengths 1 mm" in short
     assert "principal values meet here" in short
     assert "modes.eigenvalues[0]" in full

@@ -9,11 +9,10 @@ from tests.inner import (
     ViewState,
     block_ellipsoid,
     choose_quantities,
-    describe,
     evaluate,
     shown_numbers,
-    summary_text,
 )
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import analyse_posture
@@ -88,7 +87,7 @@ def test_a_coupling_above_one_is_not_said_to_be_full():
     for name, words in (("stewart-gough", "not bounded"), ("cubic", "0 none, 1 full")):
         result = cartstiff.analyse(cartstiff.load(name))
         section = analyse_posture(result)
-        lines = summary_text(section).splitlines()
+        lines = text_of(section).splitlines()
         line = next(x for x in lines if "coupling of" in x)
         assert words in line
         assert (section["decoupling_frame"]["coupling_before"] > 1.0) == (words == "not bounded")
@@ -114,7 +113,7 @@ def test_what_is_held_on_two_motions_comes_from_the_tangent():
         values = table[freedom]["held"]["eigenvalues"]
         assert max(values, key=abs) == pytest.approx(held, rel=1e-12)
         assert drawn_last(column, freedom) == pytest.approx(held, rel=1e-12)
-    lines = describe(column).splitlines()
+    lines = text_of(column).splitlines()
     shown = next(i for i, line in enumerate(lines) if "; K^load under the load: " in line)
     below = np.array(
         [[float(x) for x in line.split()[1:3]] for line in lines[shown + 2 : shown + 4]]

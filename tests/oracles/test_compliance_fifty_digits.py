@@ -10,9 +10,11 @@ import mpmath as mp
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import Chain, Settings, choose_quantities, evaluate, plain_tree, summary_text
+from tests.doors import Chain, plain_tree
+from tests.inner import Settings, choose_quantities, evaluate
 from tests.support import add_frame, promised, random_pose, translation
 from tests.support.digits import matrix, skew, turned
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import ElasticMechanism, JointSprings, analyse_many, analyse_posture
@@ -345,7 +347,7 @@ def test_what_neither_matrix_knows_is_no_number():
     assert answer["indices"] is None
     assert answer["definiteness"] is None
     assert "ill-conditioned" in {n["code"] for n in answer["notes"]}
-    assert "indices, angles" not in summary_text(answer, elastic.units.to_dict())
+    assert "indices, angles" not in text_of(answer, elastic.units.to_dict())
     settings = Settings("B", 0.3)
     quantities = choose_quantities(("minimum", "condition"), settings, elastic)
     outputs = sorted({o for quantity in quantities for o in quantity.outputs(settings)})

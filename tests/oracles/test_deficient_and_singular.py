@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import Chain, Closure, plain_tree
+from tests.doors import Chain, Closure, plain_tree
 from tests.support import (
     add_frame,
     body_jacobian,

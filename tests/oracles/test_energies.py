@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import Chain, KinematicTree, PolynomialLaw, TabulatedLaw, plain_tree
+from tests.doors import Chain, KinematicTree, PolynomialLaw, TabulatedLaw, plain_tree
 from tests.support import (
     add_frame,
     exp_reference,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from tests.inner import displacement_between, with_rest_balancing
+from tests.doors import displacement_between, with_rest_balancing
 from tests.support import robot_file, slope
 
 import cartstiff

@@ -14,8 +14,8 @@ import json
 
 import numpy as np
 import pytest
-from tests.inner import answer_of_curve, answer_text, describe_equilibrium
 from tests.support import links
+from tests.support.printed import text_of
 
 from cartstiff import DeadForce, FollowerWrench, equilibrium, load_curve
 
@@ -56,7 +56,7 @@ def test_flutter_is_found_in_one_step_beyond_it():
     (critical,) = curve.critical
     assert critical.kind == "flutter"
     assert critical.factor == pytest.approx(onset(2.0, 1.0), rel=1e-10)
-    assert "No critical load" not in answer_text(answer_of_curve(curve))
+    assert "No critical load" not in text_of(curve)
 
 
 @pytest.mark.parametrize("masses", [(2.0, 1.0), (1.0, 1.0), (0.3, 2.0)])
@@ -77,7 +77,7 @@ def test_flutter_load_of_two_links(masses):
 def test_zieglers_column_far_beyond_its_load():
     curve = load_curve(column((2.0, 1.0)), PUSH, to=12.5, resolution=0.01)
     assert curve.critical[0].factor == pytest.approx(3.5 - np.sqrt(2.0), rel=1e-9)
-    text = answer_text(answer_of_curve(curve))
+    text = text_of(curve)
     assert "Critical load: flutter at factor 2.08578643" in text
     data = json.loads(json.dumps(curve.to_dict(), allow_nan=False))
     # Eigenvalues of an unsymmetric tangent depend on the coordinates: none is given.
@@ -98,7 +98,7 @@ def test_verdict_and_frequencies_at_one_load(factor):
     assert ("flutter" in codes) == flutters
     assert ("undamped" in codes) != flutters
     assert "non-conservative" in codes
-    assert "eigenvalue" not in describe_equilibrium(state)
+    assert "eigenvalue" not in text_of(state)
 
 
 def test_divergence_under_a_force_that_turns_and_one_that_stays():
@@ -119,7 +119,7 @@ def test_without_masses_nothing_is_said_about_flutter(masses):
     assert curve.critical == ()
     assert set(curve.stable) == {None}
     assert [n.code for n in curve.notes] == ["masses-missing"]
-    text = answer_text(answer_of_curve(curve))
+    text = text_of(curve)
     assert "flutter is not examined" in text
     assert "No critical load" not in text
     state = equilibrium(column(masses), PUSH)

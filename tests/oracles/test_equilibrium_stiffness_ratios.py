@@ -5,7 +5,7 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.inner import with_rest_balancing
+from tests.doors import with_rest_balancing
 from tests.support import hexagons, platform_mechanism, robot_file
 
 import cartstiff

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import Chain, plain_tree
+from tests.doors import Chain, plain_tree
 from tests.support import (
     add_frame,
     body_jacobian,

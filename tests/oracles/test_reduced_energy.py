@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.linalg import null_space
-from tests.inner import Chain, Closure, plain_tree
+from tests.doors import Chain, Closure, plain_tree
 from tests.support import (
     ReducedEnergy,
     add_chain,

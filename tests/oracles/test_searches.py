@@ -4,7 +4,7 @@ import math
 
 import pytest
 from scipy.optimize import brentq
-from tests.inner import numerics
+from tests.doors import numerics
 
 CASES = {
     "cubic": (lambda x: x**3 - 2 * x - 5, 2.0, 3.0),

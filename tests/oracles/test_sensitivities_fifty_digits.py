@@ -6,7 +6,7 @@ import mpmath as mp
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import Chain, plain_tree
+from tests.doors import Chain, plain_tree
 from tests.mechanisms.machines import write_file
 from tests.support import loaded_arm
 from tests.support.digits import skew, turned

@@ -9,7 +9,7 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.inner import Chain, plain_tree
+from tests.doors import Chain, plain_tree
 from tests.support import (
     adjoint_reference,
     body_jacobian,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import Chain, plain_tree
+from tests.doors import Chain, plain_tree
 from tests.support import reference, relative_error, robot_file
 
 from cartstiff import ElasticMechanism, JointSprings, analyse

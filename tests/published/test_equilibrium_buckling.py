@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import brentq
-from tests.inner import Chain, plain_tree
+from tests.doors import Chain, plain_tree
 from tests.mechanisms.machines import write_file
 
 from cartstiff import DeadForce, ElasticMechanism, JointSprings, equilibrium, load, load_curve

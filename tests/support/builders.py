@@ -25,7 +25,8 @@ from cartstiff import (
     LineSprings,
 )
 from cartstiff.extend import Platform
-from tests.inner import Chain, Closure, Units, plain_tree, read_meshes
+from tests.doors import Chain, Closure, Units, plain_tree
+from tests.inner import read_meshes
 from tests.support.oracles import (
     adjoint_reference,
     body_jacobian,

@@ -23,7 +23,7 @@ from cartstiff import (
 )
 from cartstiff.extend import Platform
 from cartstiff.geometry import se3
-from tests.inner import SI, Chain, PlatformPosture, Units, convert_length, numerics
+from tests.doors import SI, Chain, PlatformPosture, Units, convert_length, numerics
 from tests.inner import arrays_Array as Array
 
 

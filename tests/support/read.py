@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartstiff import ElasticMechanism
-from tests.inner import PLAIN, LoadKind, OwnOutputs, Recording, Settings, frequency_name
+from tests.doors import LoadKind
+from tests.inner import PLAIN, OwnOutputs, Recording, Settings, frequency_name
 
 
 class Read(NamedTuple):

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.doors import LoadKind
 from tests.inner import (
     Better,
     LoadedPostures,
-    LoadKind,
     Session,
     Source,
     ViewState,

@@ -14,11 +14,11 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
+from tests.doors import LoadKind
 from tests.inner import (
     HELPERS,
     BrowserProgram,
     Follower,
-    LoadKind,
     PortableKernel,
     Session,
     Settings,

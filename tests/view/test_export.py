@@ -12,16 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 import umsgpack
-from tests.inner import (
-    Session,
-    Source,
-    ViewState,
-    export_page,
-    numbered,
-    page_script,
-    visuals_of,
-)
+from tests.inner import Session, Source, ViewState, export_page, numbered, page_script
 from tests.support import read_mesh
+from tests.support.robots import visuals_of
 from tests.view.conftest import unpacked
 
 import cartstiff

@@ -9,7 +9,8 @@ import shutil
 import subprocess
 
 import pytest
-from tests.inner import Session, Source, ViewState, engineering, moved_part, page_script
+from tests.doors import engineering
+from tests.inner import Session, Source, ViewState, moved_part, page_script
 
 import cartstiff
 

@@ -12,15 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.inner import (
-    VERDICTS,
-    PolynomialLaw,
-    answer_at,
-    answer_sentences,
-    exaggerated,
-    report_page,
-)
+from tests.doors import PolynomialLaw
+from tests.inner import VERDICTS, answer_at, exaggerated, report_page
 from tests.inner import command as cartstiff_command
+from tests.support.printed import sentences_of
 from tests.support.read_units import read
 from tests.support.report_words import (
     METRES,
@@ -96,7 +91,7 @@ def test_the_answer_is_that_of_the_commands(arm):
     )
     said = words(text)
     result = cartstiff.analyse(arm, Q, wrench=W, load_at=[0, 0, 0.1], load_axes="world")
-    for sentence in answer_sentences(answer_at(result)):
+    for sentence in sentences_of(result):
         assert sentence in said
     C = result.tangent_compliance[3:, 3:]
     soft = 1e-3 / np.linalg.eigvalsh((C + C.T) / 2)[-1]

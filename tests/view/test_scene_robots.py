@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import ViewerNode, visuals_of
+from tests.inner import ViewerNode
 from tests.support import robot_file
+from tests.support.robots import visuals_of
 from tests.view.viewer import Viewer
 
 import cartstiff

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.doors import PolynomialLaw
 from tests.inner import (
     Cloud,
     Frame,
     Playback,
-    PolynomialLaw,
     Session,
     Source,
     describe_mechanism,

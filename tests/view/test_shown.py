@@ -10,12 +10,12 @@ from tests.inner import (
     Session,
     Source,
     ViewState,
-    describe,
     describe_mechanism,
     reference_frame,
     series_row,
     shown_numbers,
 )
+from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import DeadForce, analyse_posture, equilibrium
@@ -73,8 +73,8 @@ def test_in_every_unit_page_text_and_analysis_agree_on_what_is_symmetric(arm, un
     analysis = analyse_posture(result, connection="A")
     size = shown_numbers(result, ViewState())["symmetric"]["A"]
     assert analysis["symmetrised"] == (force > 1e-3) == (size > 0.0)
-    assert ("\nK^A  " in describe(result)) == (force > 1e-3)
-    assert ("asymmetric" in describe(result)) == (force > 1e-3)
+    assert ("\nK^A  " in text_of(result)) == (force > 1e-3)
+    assert ("asymmetric" in text_of(result)) == (force > 1e-3)
 
 
 def test_symmetric_is_said_of_the_right_ones(loaded):
