@@ -173,8 +173,8 @@ HOMES = {
         swept_range
     """,
     "page.source": "Cloud Playback Source cloud_of_workspace read_cloud read_trajectory",
-    "potentials.beams": "evaluate_together stability_functions",
-    "potentials.contract": "Posture",
+    "potentials.beams": "stability_functions",
+    "potentials.contract": "Posture evaluate_together",
     "potentials.functions": "TaylorCheck",
     "potentials.loads": "Scaled SemitangentialWrench",
     "potentials.mounted_struts": "MountedStruts",

@@ -187,7 +187,7 @@ def test_heavy_packages_have_owners():
 
 def test_the_reader_of_imports_sees_them():
     """The walker finds imports inside functions and relative ones."""
-    found = {m for _, m in _imports(PACKAGE / "potentials" / "springs.py")}
+    found = {m for _, m in _imports(PACKAGE / "potentials" / "spring_laws.py")}
     assert "cartstiff.errors" in found
     assert "scipy.interpolate" in found  # imported inside a function
     names = {m for p, f in MODULES if p == "mechanisms" for _, m in _imports(f)}

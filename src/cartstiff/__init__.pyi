@@ -32,12 +32,12 @@ from .mechanisms.elastic import ElasticMechanism as ElasticMechanism
 from .page.api import show as show
 from .potentials.functions import JointFunction as JointFunction
 from .potentials.functions import PoseFunction as PoseFunction
+from .potentials.joint_springs import JointSprings as JointSprings
 from .potentials.line_springs import LineSprings as LineSprings
 from .potentials.loads import DeadForce as DeadForce
 from .potentials.loads import DeadWrench as DeadWrench
 from .potentials.loads import FollowerWrench as FollowerWrench
 from .potentials.loads import payload as payload
-from .potentials.springs import JointSprings as JointSprings
 from .reach.assembly import AssemblyModes as AssemblyModes
 from .reach.assembly import assemble as assemble
 from .reach.workspace import Workspace as Workspace

@@ -45,7 +45,6 @@ from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.forces import DriveForce
@@ -452,7 +451,7 @@ class _Rows:
     def of(cls, result: PostureStiffness, shares: Shares | None) -> _Rows:
         elastic, limits = result.elastic, Limits(result.mechanism)
         stiffness = dict(zip(elastic.spring_names, elastic.stiffnesses, strict=False))
-        if isinstance(elastic.springs, JointSprings):
+        if elastic.springs is not None and elastic.springs.laws:
             hessian = elastic.springs.evaluate(result.posture).hessian
             stiffness |= {elastic.names[j]: hessian[j, j] for j in elastic.springs.laws}
         ends = zip(limits.lower.tolist(), limits.upper.tolist(), strict=True)

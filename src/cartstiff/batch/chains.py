@@ -100,7 +100,8 @@ from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.limits import MAX_WIND_UP
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.numerics import BALANCE_TOLERANCE, ROUNDOFF
-from cartstiff.potentials.springs import PolynomialLaw, SpringLaw, TabulatedLaw
+from cartstiff.potentials.spring_laws import PolynomialLaw, TabulatedLaw
+from cartstiff.potentials.springs import SpringLaw
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
 #: Largest number of points of a recorded table: each piece is a choice of six numbers.

@@ -20,7 +20,7 @@ from cartstiff.batch.plans import CLOSING, SETTLING, TracedModel, program_for
 from cartstiff.batch.tape import Program
 from cartstiff.batch.untraced import segment_program
 from cartstiff.mechanisms.closures import LONGEST_STEP, MOST_STEPS
-from cartstiff.potentials.beams import alike
+from cartstiff.potentials.contract import alike
 from cartstiff.stiffness.settled_links import LAST, ROUNDED
 
 #: Bounds of the steps.

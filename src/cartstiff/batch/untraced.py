@@ -70,8 +70,8 @@ from cartstiff.batch.tape import (
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism
-from cartstiff.potentials.beams import SERIES, Beam, Section, alike
-from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.beams import SERIES, Beam, Section
+from cartstiff.potentials.contract import Potential, alike
 from cartstiff.potentials.flexure_struts import (
     ROUNDINGS,
     SLIDE,

@@ -33,8 +33,7 @@ from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, distinct
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
-from cartstiff.mechanisms.tree import FixedFrame
-from cartstiff.mechanisms.tree_building import part_of
+from cartstiff.mechanisms.tree import FixedFrame, part_of
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from cartstiff.mechanisms.flexible_links import Give
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.springs import JointSprings
+from cartstiff.potentials.joint_springs import JointSprings
 from cartstiff.units import SI, Units
 
 if TYPE_CHECKING:

@@ -57,13 +57,10 @@ from cartstiff.notes import Note, assumed_stiffness, held_by_lines, table_as_rea
 from cartstiff.potentials.beams import Beam, Section
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.coupled_joints import CoupledJointSprings
-from cartstiff.potentials.springs import (
-    CoupledSprings,
-    JointSprings,
-    PolynomialLaw,
-    SpringLaw,
-    TabulatedLaw,
-)
+from cartstiff.potentials.joint_springs import JointSprings
+from cartstiff.potentials.link_springs import CoupledSprings
+from cartstiff.potentials.spring_laws import PolynomialLaw, TabulatedLaw
+from cartstiff.potentials.springs import SpringLaw
 from cartstiff.units import Units, own_stiffness
 
 if TYPE_CHECKING:

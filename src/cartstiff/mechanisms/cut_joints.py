@@ -7,7 +7,7 @@ in the chain's own coordinates has only what the joints let through.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -15,8 +15,13 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, SecondOrderMap
 
-if TYPE_CHECKING:
-    from cartstiff.mechanisms.tree import FixedFrame
+
+class Carried(Protocol):
+    """A frame that a joint carries, or none."""
+
+    @property
+    def joint(self) -> int:
+        """The joint, counted from 1; 0 for a frame fixed in F."""
 
 
 class CutPosture:
@@ -29,7 +34,7 @@ class CutPosture:
         self.q, self.coordinate_lengths = posture.q, posture.coordinate_lengths
         self._count = 6 * chain.tree.model.nv
 
-    def on_bodies(self, wrench: Array, at: FixedFrame) -> Array:
+    def on_bodies(self, wrench: Array, at: Carried) -> Array:
         """Wrenches (N, 6) on the bodies, of one (6,) on a frame in its components."""
         found = np.zeros((self._count // 6, 6))
         if at.joint:

@@ -26,16 +26,16 @@ from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.given_springs import in_own_units, rest_of_turns, with_values
 from cartstiff.notebook import ShownInLines, html_table
 from cartstiff.notes import Note, still_assumed
-from cartstiff.potentials.beams import evaluate_together
 from cartstiff.potentials.contract import (
     Evaluation,
     Number,
     Parts,
     Potential,
+    Sums,
+    evaluate_together,
     nothing,
     summed,
 )
-from cartstiff.potentials.coupled_joints import CoupledJointSprings
 from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.springs import Springs
 from cartstiff.units import Units, checked_gravity, engineering
@@ -574,11 +574,14 @@ class ElasticMechanism(ShownInLines):
         return is_open or any(term.rest_is_free().any() for term in self.coupled_springs)
 
     @cached_property
-    def coupled_springs(self) -> tuple[CoupledJointSprings, ...]:
+    def coupled_springs(self) -> tuple[Potential, ...]:
         """Springs that couple joints, in the order of the potentials."""
-        return tuple(
-            term for term in self.potentials if isinstance(term, CoupledJointSprings)
-        )
+        return tuple(term for term in self.potentials if term.sums is not None)
+
+    @cached_property
+    def sums(self) -> tuple[Sums, ...]:
+        """Sums of coordinates on which `coupled_springs` act."""
+        return tuple(own for term in self.potentials if (own := term.sums) is not None)
 
     def at_rest(self, q: Array) -> ElasticMechanism:
         """The mechanism with all springs of its joints at rest at coordinates q (n,)."""

@@ -27,7 +27,8 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import CompliancePattern
 from cartstiff.potentials.contract import Parts, Potential
-from cartstiff.potentials.springs import PolynomialLaw, SpringLaw
+from cartstiff.potentials.spring_laws import PolynomialLaw
+from cartstiff.potentials.springs import SpringLaw
 
 
 class Elements:

@@ -627,3 +627,35 @@ def _with_gravity(model: pin.Model, acceleration: Array) -> Any:
         model = model.copy()
         model.gravity = pin.Motion(np.concatenate([acceleration, np.zeros(3)]))
     return model
+
+
+def part_of(
+    tree: KinematicTree, joints: Sequence[int], root: int = 0
+) -> tuple[KinematicTree, NDArray[np.intp]]:
+    """Return some joints as a tree of their own, and the indices of their coordinates.
+
+    Parameters
+    ----------
+    tree : KinematicTree
+        The whole.
+    joints : sequence of int
+        Joints counted from 1, ascending, each carried by one of them or by `root`.
+    root : int
+        Joint in whose frame the part is placed.
+
+    Notes
+    -----
+    Joint k + 1 of the part is ``joints[k]``. It has no named frames but "world".
+    """
+    model, at = pin.Model(), {root: 0}
+    for j in joints:
+        at[j] = tree.copy_joint(j, model, at[int(tree.model.parents[j])])
+    rows = np.asarray(joints, np.intp) - 1
+    mimic, columns = tree.mimic, rows
+    if mimic is not None:
+        columns = np.flatnonzero(np.abs(mimic[rows]).sum(axis=0))
+        mimic = mimic[np.ix_(rows, columns)]
+    coordinates = tuple(tree.coordinates[c] for c in columns)
+    return KinematicTree(
+        model, coordinates, {"world": WORLD}, mimic, tree.offset[rows]
+    ), columns

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
@@ -344,38 +343,6 @@ def extended(
     mimic = _mimics([(tree.mimic, tree.n), (None, len(new))])
     offset = np.append(tree.offset, np.zeros(len(new)))
     return KinematicTree(model, (*tree.coordinates, *new), frames, mimic, offset)
-
-
-def part_of(
-    tree: KinematicTree, joints: Sequence[int], root: int = 0
-) -> tuple[KinematicTree, NDArray[np.intp]]:
-    """Return some joints as a tree of their own, and the indices of their coordinates.
-
-    Parameters
-    ----------
-    tree : KinematicTree
-        The whole.
-    joints : sequence of int
-        Joints counted from 1, ascending, each carried by one of them or by `root`.
-    root : int
-        Joint in whose frame the part is placed.
-
-    Notes
-    -----
-    Joint k + 1 of the part is ``joints[k]``. It has no named frames but "world".
-    """
-    model, at = pin.Model(), {root: 0}
-    for j in joints:
-        at[j] = tree.copy_joint(j, model, at[int(tree.model.parents[j])])
-    rows = np.asarray(joints, np.intp) - 1
-    mimic, columns = tree.mimic, rows
-    if mimic is not None:
-        columns = np.flatnonzero(np.abs(mimic[rows]).sum(axis=0))
-        mimic = mimic[np.ix_(rows, columns)]
-    coordinates = tuple(tree.coordinates[c] for c in columns)
-    return KinematicTree(
-        model, coordinates, {"world": WORLD}, mimic, tree.offset[rows]
-    ), columns
 
 
 def free_name(name: str, taken: Collection[str]) -> str:

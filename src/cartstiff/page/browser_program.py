@@ -38,7 +38,7 @@ from cartstiff.mechanisms.limits import (
 from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.notes import assumed_stiffness
 from cartstiff.page.shown import is_upright
-from cartstiff.potentials.beams import alike
+from cartstiff.potentials.contract import alike
 from cartstiff.report.sentences import ADVICE, VERDICTS
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness

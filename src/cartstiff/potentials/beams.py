@@ -21,7 +21,7 @@ the tangent stiffness are its derivatives.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import pi
@@ -193,6 +193,11 @@ class Beam(Potential):
         object.__setattr__(self, "indices", indices)
 
     @cached_property
+    def common(self) -> Hashable:  # type: ignore[override]
+        """The segment."""
+        return self.length, self.section
+
+    @cached_property
     def _straight(self) -> Array:
         """Hessian (m, 6, 6) of the undeformed beam."""
         return read_only(self._evaluated(np.zeros(self.indices.shape)).hessians)
@@ -261,6 +266,18 @@ class Beam(Potential):
         gradient[at] = gradients
         hessian[at[:, :, None], at[:, None, :]] = hessians
         return Evaluation(float(energies.sum()), gradient, hessian)
+
+    def prepare(self, alike: Sequence[Beam], posture: Posture) -> None:
+        """Find the segments of all that are bent at once."""
+        every = ((beam, posture.q[beam.indices]) for beam in alike)
+        each = [(beam, x) for beam, x in every if x.any()]
+        if len(each) < 2 or all(x.tobytes() in beam._last for beam, x in each):
+            return
+        found, start = each[0][0]._evaluated(np.concatenate([x for _, x in each])), 0
+        for beam, x in each:
+            beam._last.clear()
+            own = slice(start, start := start + len(x))
+            beam._last[x.tobytes()] = _Segments(*(part[own] for part in found))
 
     def axial_forces(self, q: Array) -> Array:
         """Tension (m,) of the segments."""
@@ -483,35 +500,3 @@ class Beam(Potential):
         pairs = ((bow * y, double * a), (bow * y1, double * a1), (bow * y2, double * a2))
         s, s1, s2 = (np.concatenate(pair, axis=-1) for pair in pairs)
         return s, s1, s2
-
-
-def alike(beams: Iterable[Beam]) -> Iterable[list[Beam]]:
-    """Groups of beams with equal segments."""
-    groups: dict[tuple[float, Section], list[Beam]] = {}
-    for beam in beams:
-        groups.setdefault((beam.length, beam.section), []).append(beam)
-    return groups.values()
-
-
-def evaluate_together(terms: Sequence[Potential], posture: Posture) -> list[Evaluation]:
-    """Each potential at a posture.
-
-    Equal segments of several beams are evaluated together.
-    """
-    bent = (t for t in terms if isinstance(t, Beam) and posture.q[t.indices].any())
-    for beams in alike(bent):
-        if len(beams) > 1:
-            _evaluate_alike(beams, posture)
-    return [term.evaluate(posture) for term in terms]
-
-
-def _evaluate_alike(beams: Sequence[Beam], posture: Posture) -> None:
-    """Let beams with equal segments know their terms at a posture."""
-    each = [(beam, posture.q[beam.indices]) for beam in beams]
-    if all(x.tobytes() in beam._last for beam, x in each):
-        return
-    every, start = beams[0]._evaluated(np.concatenate([x for _, x in each])), 0
-    for beam, x in each:
-        beam._last.clear()
-        own = slice(start, start := start + len(x))
-        beam._last[x.tobytes()] = _Segments(*(part[own] for part in every))

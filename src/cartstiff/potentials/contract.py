@@ -9,10 +9,10 @@ in the same coordinates.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, is_dataclass, replace
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -224,6 +224,29 @@ class Parts(NamedTuple):
     whole: str = ""
 
 
+class Sums(NamedTuple):
+    """Sums of coordinates on which springs act, one spring on each.
+
+    Attributes
+    ----------
+    names : tuple of str (m,)
+        Of the springs.
+    factors : ndarray (m, n)
+        Factors of the coordinates in each sum.
+    stiffness, rest : ndarray (m,)
+        Of each spring; NaN for rest positions that are to be chosen.
+    """
+
+    names: tuple[str, ...]
+    factors: Array
+    stiffness: Array
+    rest: Array
+
+    def forces(self, q: Array) -> Array:
+        """Force of each spring (m,) at coordinates (n,)."""
+        return np.asarray(self.stiffness * (self.factors @ q - self.rest))
+
+
 class Given(NamedTuple):
     """A wrench on the body, in the words of `cartstiff.analyse`.
 
@@ -299,6 +322,11 @@ class Potential(ABC):
     #: name.
     members: tuple[int, ...] = ()
     link: str = ""
+    #: What potentials have in common that are evaluated together, as beams with equal
+    #: segments; None: it is evaluated alone.
+    common: Hashable | None = None
+    #: The sums of coordinates on which it has springs.
+    sums: Sums | None = None
     #: Whether its stiffness is known but for a factor, as that of a beam.
     is_scaled: bool = False
     #: The constant force that it is.
@@ -321,6 +349,12 @@ class Potential(ABC):
     @abstractmethod
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian at a posture."""
+
+    def prepare(self, alike: Sequence[Self], posture: Posture) -> None:  # noqa: B027
+        """Find at once what several with the same `common` have at a posture.
+
+        Each of `alike` is evaluated there next.
+        """
 
     def in_units(self, a: float, sizes: Array, efforts: Array) -> Self:  # noqa: ARG002
         """The same with lengths times `a`, coordinates times `sizes`,
@@ -412,6 +446,16 @@ class Potential(ABC):
         """Greatest stress of a link's section under a wrench (6,), if it is known."""
         return None
 
+    def rest_is_free(self, every: bool = False) -> Array:  # noqa: ARG002
+        """Rest positions to be chosen (m,), by default none: those not given, or all."""
+        return np.zeros(0, bool)
+
+    def with_forces(self, posture: Posture, forces: Array) -> Self:  # noqa: ARG002
+        """The same with rest positions at which it exerts forces (m,) at a posture, NaN
+        where a rest position stays.
+        """
+        return self
+
     def with_open_rest(self) -> Self:
         """The same with rest positions that are to be chosen, if it has some."""
         return self
@@ -447,6 +491,26 @@ class Potential(ABC):
         None without.
         """
         return None
+
+
+_Term = TypeVar("_Term", bound=Potential)
+
+
+def alike(terms: Iterable[_Term]) -> Collection[list[_Term]]:
+    """Groups of potentials that are evaluated together, without those that never are."""
+    groups: dict[Hashable, list[_Term]] = {}
+    for term in terms:
+        if term.common is not None:
+            groups.setdefault(term.common, []).append(term)
+    return groups.values()
+
+
+def evaluate_together(terms: Sequence[Potential], posture: Posture) -> list[Evaluation]:
+    """Each potential at a posture, those that are alike at once."""
+    for group in alike(terms):
+        if len(group) > 1:
+            group[0].prepare(group, posture)
+    return [term.evaluate(posture) for term in terms]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,11 +13,18 @@ from typing import Self
 
 import numpy as np
 
-from cartstiff import numerics
 from cartstiff.arrays import checked_array
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import Evaluation, Named, Parts, Posture, Potential
+from cartstiff.lazily import cached_property
+from cartstiff.potentials.contract import (
+    Evaluation,
+    Named,
+    Parts,
+    Posture,
+    Potential,
+    Sums,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +66,11 @@ class CoupledJointSprings(Potential):
         if np.any(self.stiffness <= 0.0):
             raise InputError("stiffness of a coupled spring must be above zero")
 
+    @cached_property
+    def sums(self) -> Sums:  # type: ignore[override]
+        """The sums."""
+        return Sums(self.names, self.factors, self.stiffness, self.rest)
+
     def labels(self, first: int) -> tuple[str, ...]:  # noqa: ARG002
         """The names."""
         return self.names
@@ -71,7 +83,7 @@ class CoupledJointSprings(Potential):
             all(c.is_length for c, f in zip(coordinates, row, strict=True) if f)
             for row in self.factors
         ]
-        forces = self.stiffness * (self.factors @ posture.q - self.rest)
+        forces = self.sums.forces(posture.q)
         return Parts(names, slides, self.factors, np.diag(self.stiffness), forces)
 
     def evaluate(self, posture: Posture) -> Evaluation:
@@ -115,95 +127,3 @@ class CoupledJointSprings(Potential):
         """
         rest = self.factors @ posture.q - forces / self.stiffness
         return replace(self, rest=np.where(np.isnan(forces), self.rest, rest))
-
-
-def balancing(
-    coupled: Sequence[CoupledJointSprings],
-    posture: Posture,
-    gradient: Array,
-    own: Array,
-    every: bool,
-) -> list[CoupledJointSprings]:
-    """The springs with the rest positions that balance a gradient with joints
-    and closures.
-
-    Parameters
-    ----------
-    coupled : sequence of CoupledJointSprings
-        All of a mechanism.
-    posture, every
-        As of `JointSprings.with_rest_balancing`.
-    gradient, own : ndarray, shape (n,)
-        What they, the springs of joints and the closures have to balance, and the
-        stiffness of the springs of joints, see `least_forces`.
-    """
-    free = [term.rest_is_free(every) for term in coupled]
-    for term, is_free in zip(coupled, free, strict=True):
-        x = term.factors @ posture.q - term.rest
-        known = np.where(is_free, 0.0, term.stiffness * x)
-        gradient = gradient - term.factors.T @ known
-    closure = posture.closure
-    forces = least_forces(
-        np.concatenate([term.factors[f] for term, f in zip(coupled, free, strict=True)]),
-        np.concatenate(
-            [term.stiffness[f] for term, f in zip(coupled, free, strict=True)]
-        ),
-        gradient,
-        own,
-        np.zeros((len(own), 0)) if closure is None else closure.jacobian.T,
-        posture.coordinate_lengths,
-    )
-    found, start = list[CoupledJointSprings](), 0
-    for term, is_free in zip(coupled, free, strict=True):
-        each = np.full(len(is_free), np.nan)
-        each[is_free] = forces[start : start + is_free.sum()]
-        start += int(is_free.sum())
-        found.append(term.with_forces(posture, each))
-    return found
-
-
-def least_forces(
-    factors: Array,
-    stiffness: Array,
-    wanted: Array,
-    own: Array,
-    carried: Array,
-    sizes: Array,
-) -> Array:
-    """Forces (m,) of coupled springs that balance a gradient together with joints
-    and closures.
-
-    Parameters
-    ----------
-    factors, stiffness : ndarray, shape (m, n) and (m,)
-        The springs whose rest positions are chosen.
-    wanted : ndarray, shape (n,)
-        Gradient that these springs, the springs of joints and the closures have to
-        balance.
-    own : ndarray, shape (n,)
-        Stiffness of the springs of joints whose rest positions are chosen as well; 0
-        elsewhere.
-    carried : ndarray, shape (n, c)
-        Directions of the closures' forces.
-    sizes : ndarray, shape (n,)
-        Natural sizes of the coordinates.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        Of the forces that balance the coordinates without a spring of their own, those
-        with the least energy in all chosen springs: springs that were free of force
-        before the load share it so.
-    """
-    m, is_own = len(factors), own > 0.0
-    both = np.concatenate([factors.T, carried], axis=1)
-    held = (both * sizes[:, None])[~is_own]
-    start = np.linalg.lstsq(held, (wanted * sizes)[~is_own], rcond=numerics.RANK)[0]
-    _, values, Vt = np.linalg.svd(held, full_matrices=True)
-    N = Vt[numerics.rank(values) :].T if values.size else np.eye(both.shape[1])
-    soft = 1.0 / np.sqrt(own[is_own])
-    rows = np.concatenate([both[is_own] * soft[:, None], np.eye(m, both.shape[1])])
-    rows[len(soft) :] /= np.sqrt(stiffness)[:, None]
-    right = np.concatenate([wanted[is_own] * soft, np.zeros(m)]) - rows @ start
-    forces = start + N @ np.linalg.lstsq(rows @ N, right, rcond=numerics.RANK)[0]
-    return np.asarray(forces[:m])

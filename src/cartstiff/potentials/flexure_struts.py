@@ -41,6 +41,7 @@ from cartstiff.potentials.contract import (
     Posture,
 )
 from cartstiff.potentials.line_springs import LineSprings, lines_of_many
+from cartstiff.potentials.springs import Chosen
 
 _ENDS = ("lower", "upper")
 
@@ -429,9 +430,13 @@ class FlexureStruts(LineSprings):
             stable,
         )
 
-    def with_rest_balancing(
-        self, posture: Posture, gradient: Array, every: bool = False
-    ) -> FlexureStruts:
+    def balancing(
+        self,
+        posture: Posture,
+        gradient: Array,
+        size: float,  # noqa: ARG002
+        every: bool,
+    ) -> Chosen:
         """The same struts with rest lengths at which they exert a gradient (6,)
         at a posture.
 
@@ -448,7 +453,7 @@ class FlexureStruts(LineSprings):
                 expected="a load that the struts can carry, and a pose near that at "
                 "which they were made",
             )
-        return replace(self, rest_length=at.rest_length[0])
+        return Chosen(replace(self, rest_length=at.rest_length[0]))
 
     def many(self, T_a_b: Array, gradients: Array, every: bool = False) -> StrutStates:
         """`solve` at poses (N, 4, 4), the open or all rest lengths chosen to

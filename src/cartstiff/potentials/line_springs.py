@@ -36,7 +36,7 @@ from cartstiff.potentials.contract import (
 from cartstiff.potentials.contract import (
     LineGeometry as LineGeometry,
 )
-from cartstiff.potentials.springs import Springs
+from cartstiff.potentials.springs import Chosen, Springs
 from cartstiff.potentials.tensions import (
     Bounds,
     nearest_balance,
@@ -130,7 +130,7 @@ class LineSprings(PosePotential, Springs):
         Force per length, above zero.
     rest_length : ndarray, shape (m,)
         Lengths at which the springs carry no force; NaN where they are to be chosen so
-        that the lines balance the load at the posture (see `with_rest_balancing`).
+        that the lines balance the load at the posture (see `balancing`).
     unilateral : bool or tuple of bool (m,)
         Cables: a line shorter than its rest length is slack and carries nothing. A tuple
         where some lines are cables and others push as well.
@@ -440,9 +440,13 @@ class LineSprings(PosePotential, Springs):
         """Rest lengths to be chosen (m,): those not given, or all."""
         return np.isnan(self.rest_length) | every
 
-    def with_rest_balancing(
-        self, posture: Posture, gradient: Array, every: bool = False
-    ) -> LineSprings:
+    def balancing(
+        self,
+        posture: Posture,
+        gradient: Array,
+        size: float,  # noqa: ARG002
+        every: bool,
+    ) -> Chosen:
         """The same lines with rest lengths at which they exert a gradient (6,)
         at a posture.
 
@@ -460,17 +464,16 @@ class LineSprings(PosePotential, Springs):
         if every and isinstance(self.driven, tuple):
             free = np.array(self.driven) | self.rest_is_free()
             try:  # springs that nothing drives keep their rest lengths, if possible
-                return self._balancing(posture, gradient, free)
+                return Chosen(self._balancing(posture, gradient, free))
             except InputError:
                 pass
-        return self._balancing(
-            posture, gradient, self.rest_is_free(every), holds=not every
-        )
+        free = self.rest_is_free(every)
+        return Chosen(self._balancing(posture, gradient, free, holds=not every))
 
     def _balancing(
         self, posture: Posture, gradient: Array, free: Array, holds: bool = False
     ) -> LineSprings:
-        """`with_rest_balancing` by the lines `free` (m,).
+        """`balancing` by the lines `free` (m,).
 
         `holds`: or with their preload.
         """
@@ -502,7 +505,7 @@ class LineSprings(PosePotential, Springs):
     def balancing_tensions(
         self, lengths: Array, nearest: Array, null: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Tensions (p, m) of `with_rest_balancing` where it chooses those of all lines.
+        """Tensions (p, m) of `balancing` where it chooses those of all lines.
 
         Parameters
         ----------

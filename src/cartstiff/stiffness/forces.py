@@ -195,9 +195,9 @@ def drive_rows(
     rigid = sorted(elastic.mechanism.rigid)
     names += [elastic.names[j] for j in rigid]
     rows.append(-np.eye(n)[rigid])
-    for term in elastic.coupled_springs:
-        names += term.names
-        rows.append(term.factors)
+    for sums in elastic.sums:
+        names += sums.names
+        rows.append(sums.factors)
     return tuple(names), np.concatenate(rows)
 
 

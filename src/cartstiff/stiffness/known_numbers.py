@@ -22,10 +22,15 @@ from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import deflection_notes, limit_notes
 from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.notes import Note
-from cartstiff.potentials.beams import Beam, evaluate_together
-from cartstiff.potentials.contract import Evaluation, LineGeometry, Potential
+from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.contract import (
+    Evaluation,
+    LineGeometry,
+    Potential,
+    evaluate_together,
+)
 from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import CoupledSprings
+from cartstiff.potentials.link_springs import CoupledSprings
 from cartstiff.stiffness.applied_load import Axes, LoadKind, wrench_in_body
 from cartstiff.stiffness.balance import balanced, with_rest_balancing
 from cartstiff.stiffness.compute import analyse

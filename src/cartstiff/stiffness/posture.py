@@ -835,12 +835,12 @@ class PostureStiffness(LabelledResult):
         """Rest positions and forces of springs that couple joints, if there are any."""
         springs = [
             {"name": name, "sum": x, "rest": rest, "force": force}
-            for term in self.elastic.coupled_springs
+            for sums in self.elastic.sums
             for name, x, rest, force in zip(
-                term.names,
-                (term.factors @ self.q).tolist(),
-                term.rest.tolist(),
-                (term.stiffness * (term.factors @ self.q - term.rest)).tolist(),
+                sums.names,
+                (sums.factors @ self.q).tolist(),
+                sums.rest.tolist(),
+                sums.forces(self.q).tolist(),
                 strict=True,
             )
         ]

@@ -13,8 +13,7 @@ from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.potentials.beams import evaluate_together
-from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.contract import Potential, evaluate_together
 from cartstiff.stiffness.motions import decompose
 
 #: Largest number of steps.
@@ -38,8 +37,8 @@ def settled_coordinates(elastic: ElasticMechanism) -> Array:
     if not chain.virtual or springs is None:
         return np.zeros(0, int)
     free = ~springs.has_coordinate(len(chain.coordinates))
-    for term in elastic.coupled_springs:  # their rest is chosen, as that of springs
-        free[term.factors.any(axis=0)] = False
+    for sums in elastic.sums:  # their rest is chosen, as that of springs
+        free[sums.factors.any(axis=0)] = False
     return np.flatnonzero(free)
 
 
