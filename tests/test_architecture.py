@@ -124,17 +124,28 @@ def _circles(needs: dict[str, set[str]]) -> list[set[str]]:
     return sorted(map(set, circles), key=sorted)
 
 
-def test_no_file_needs_itself():
-    """All imports count: within functions, and those that only the type checker reads."""
-    files = {
-        ".".join(("cartstiff", *path.relative_to(PACKAGE).with_suffix("").parts)): path
-        for _, path in MODULES
+#: The package's modules by name.
+FILES = {
+    ".".join(("cartstiff", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(
+        ".__init__"
+    ): path
+    for _, path in MODULES
+}
+
+
+@cache
+def _needs() -> dict[str, set[str]]:
+    """Modules that each module imports, within functions and for the type checker as well."""
+    return {
+        name: {module for _, module in _imports(path)} & set(FILES) - {name}
+        for name, path in FILES.items()
     }
-    needs = {}
-    for name, path in files.items():
-        found = {module for _, module in _imports(path)} & set(files) - {name}
-        needs[name.removeprefix("cartstiff.")] = {n.removeprefix("cartstiff.") for n in found}
-    assert needs["geometry.charts"] >= {"geometry.se3"}
+
+
+def test_no_file_needs_itself():
+    files = {name for name, path in FILES.items() if path.name != "__init__.py"}
+    needs = {name: found & files for name, found in _needs().items() if name in files}
+    assert needs["cartstiff.geometry.charts"] >= {"cartstiff.geometry.se3"}
     assert _circles({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == [{"b", "c"}]
     assert not _circles(needs)
 
@@ -331,6 +342,37 @@ def _lines_of_tokens(text: str) -> tuple[list[int], list[int]]:
         elif token.type not in _NOT_READ:
             read.append(token.start[0])
     return read, comments
+
+
+#: Most tokens of the files that the core's `analyse` needs.
+MOST_OF_ANALYSE = 70_000
+
+
+def _size(path: Path) -> int:
+    """Tokens of a file without comments and docstrings."""
+    read, _ = _lines_of_tokens(path.read_text("utf-8"))
+    said = {
+        line
+        for node in ast.walk(_tree(path))
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
+        and ast.get_docstring(node) is not None
+        for line in range(node.body[0].lineno, node.body[0].end_lineno + 1)
+    }
+    return sum(line not in said for line in read)
+
+
+def test_one_posture_is_understood_from_few_files():
+    """All that `analyse` needs by imports, wherever they stand, its own file among them."""
+    (start,) = (name for name in FILES if name.endswith(".stiffness.compute"))
+    needed, left = set(), {start}
+    while left:
+        needed |= left
+        left = set().union(*map(_needs().get, left)) - needed
+    sizes = {name: _size(FILES[name]) for name in needed}
+    listed = "\n".join(f"{sizes[name]:6} {name}" for name in sorted(sizes, key=sizes.get))
+    assert sum(sizes.values()) <= MOST_OF_ANALYSE, f"{sum(sizes.values())} tokens\n{listed}"
+    unneeded = ("beams", "line_springs", "joint_springs", "spring_laws", "coupled_joints", "tree")
+    assert not [name for name in needed if name.endswith(unneeded)], "a kind answers by methods"
 
 
 def test_long_functions_say_what_their_parts_do():

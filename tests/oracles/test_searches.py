@@ -4,7 +4,7 @@ import math
 
 import pytest
 from scipy.optimize import brentq
-from tests.doors import numerics
+from tests.inner import zero_between
 
 CASES = {
     "cubic": (lambda x: x**3 - 2 * x - 5, 2.0, 3.0),
@@ -26,7 +26,7 @@ def test_a_zero_is_that_of_brents_method(name):
         seen.append(x)
         return function(x)
 
-    found = numerics.zero_between(counted, start, end, 1e-10, 100)
+    found = zero_between(counted, start, end, 1e-10, 100)
     assert found == pytest.approx(brentq(function, start, end, xtol=1e-12, maxiter=500), abs=2e-10)
     assert min(seen) >= start
     assert max(seen) <= end
@@ -41,6 +41,6 @@ def test_the_bound_on_evaluations_is_kept():
         seen.append(x)
         return x - 1 / math.pi
 
-    found = numerics.zero_between(counted, 0.0, 1.0, 0.0, 6)
+    found = zero_between(counted, 0.0, 1.0, 0.0, 6)
     assert len(seen) <= 6
     assert found == min(seen, key=lambda x: abs(x - 1 / math.pi))

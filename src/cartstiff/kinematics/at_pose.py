@@ -30,6 +30,7 @@ from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.notes import Note
+from cartstiff.numerics.searches import least_change
 
 #: Coordinates of a pose: the position, and angles about fixed axes.
 COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -450,7 +451,7 @@ class _Search:
         def retract(posture: ChainPosture, step: Array) -> ChainPosture:
             return self.chain.at(posture.q + self.columns * step)
 
-        posture, size, _ = numerics.least_change(
+        posture, size, _ = least_change(
             self.start,
             equations,
             retract,

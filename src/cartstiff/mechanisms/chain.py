@@ -51,8 +51,8 @@ from cartstiff.numerics import (
     NEGLIGIBLE_DIFFERENCE,
     NEGLIGIBLE_DISTANCE,
     ROUNDOFF,
-    least_change,
 )
+from cartstiff.numerics.searches import least_change
 from cartstiff.potentials.contract import (
     IDENTITY,
     POSE,

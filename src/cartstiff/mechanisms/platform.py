@@ -53,6 +53,7 @@ from cartstiff.mechanisms.contract import (
     Quantities,
     Skeleton,
 )
+from cartstiff.numerics.searches import least_change
 from cartstiff.potentials.contract import (
     IDENTITY,
     POSE,
@@ -701,7 +702,7 @@ class Platform(Mechanism):
                 )
             return T @ se3.exp(scale * step)
 
-        T, error, iterations = numerics.least_change(
+        T, error, iterations = least_change(
             T, equations, retract, evaluations=60, longest_step=0.3
         )
         if error < numerics.STALLED_RESIDUAL:

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
-from cartstiff.numerics import shortest_above
+from cartstiff.numerics.shortest import shortest_above
 
 #: Largest tension that keeps other cables taut, over the largest tension without that
 #: bound.

@@ -36,6 +36,7 @@ from cartstiff.mechanisms.gravity_loads import GravityLoads, gravity_loads
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.notes import Note
 from cartstiff.numerics import FREE_MOTION_STIFFNESS
+from cartstiff.numerics.searches import zero_between
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.results import LabelledResult
 from cartstiff.statics.held import Held, displacement_between, displacement_heads
@@ -455,7 +456,7 @@ def _bracketed(
     # At a crossing of curves the way back is ambiguous: the last state is then next to
     # it.
     with suppress(*_LOST):
-        numerics.zero_between(value, 0.0, size, precision * size, _BISECTIONS)
+        zero_between(value, 0.0, size, precision * size, _BISECTIONS)
     return states
 
 

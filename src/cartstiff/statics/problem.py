@@ -37,6 +37,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, limit_notes, limits_of
 from cartstiff.notes import Note
 from cartstiff.numerics import EPSILON, FREE_MOTION_STIFFNESS, eigenvalues, invert
+from cartstiff.numerics.searches import least_change
 from cartstiff.potentials.contract import Evaluation, Potential, SecondOrderMap
 from cartstiff.statics.held import Held
 from cartstiff.stiffness.balance import with_rest_balancing
@@ -716,7 +717,7 @@ class System:
             step = posture.coordinate_lengths * step
             return mechanism.at(mechanism.displaced(posture.q, step))
 
-        posture, size, iterations = numerics.least_change(
+        posture, size, iterations = least_change(
             start,
             equations,
             retract,
