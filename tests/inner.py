@@ -163,7 +163,7 @@ HOMES = {
     "page.files": "page_script page_style",
     "page.html_report": "report_page",
     "page.messages": """
-        Answer Better Draw Frame LARGEST_MESSAGE Message Numbers Response Swing ViewState
+        Answer Better Draw Frame LARGEST_MESSAGE Message Numbers Response ViewState
         read_message
     """,
     "page.picture": "PageScene",

@@ -1,54 +1,43 @@
-"""The messages of a page as JavaScript: ``python tools/page_messages.py`` writes them.
+"""The messages of a page as types: ``python tools/page_messages.py`` writes them.
 
-They are those that `cartstiff.page.messages` reads: the page sends nothing else, and a test holds
-the file to the models.
+They are those of the models that `cartstiff.page.messages` reads. TypeScript checks by them what
+the page's scripts send; a test holds the file to the models.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 
 from cartstiff.page import messages
 
-TARGET = Path(__file__).resolve().parents[1] / "src/cartstiff/page/static/messages.js"
+TARGET = Path(__file__).resolve().parent / "page/messages.d.ts"
 
 _HEAD = """\
 // Written by `python tools/page_messages.py` from the models of `cartstiff.page.messages`, which
 // read what a page sends: not to be changed by hand.
 """
-#: Fields of every message.
-_EVERY = ("id", "state", "do")
+#: What the store adds to a question.
+_ADDED = ("id", "state")
 
 
-def javascript() -> str:
-    """The fields of messages, and of what they hold, for whoever sends one."""
+def typescript() -> str:
+    """The types of messages, and of what they hold."""
     kinds: tuple[type[BaseModel], ...] = get_args(messages.Message)
     models: dict[str, type[BaseModel]] = {}
     for kind in kinds:
         _collect(kind, models)
-        del models[kind.__name__]
-    of_messages = {get_args(k.model_fields["do"].annotation)[0]: k for k in kinds}
-    needed = {
-        name: [key for key, x in model.model_fields.items() if x.is_required()]
-        for name, model in {**models, **of_messages}.items()
-    }
-    needed = {name: [key for key in keys if key not in _EVERY] for name, keys in needed.items()}
-    parts = [
-        _HEAD,
-        "/** Fields of each message, by its `do`, beside those of every message: the model that a\n"
-        " * field holds, the words that it may be, or null. */\n"
-        + _constant("MESSAGES", {name: _fields(kind) for name, kind in of_messages.items()}),
-        "/** The same of each model that a message holds. */\n"
-        + _constant("FIELDS", {name: _fields(model) for name, model in models.items()}),
-        "/** Fields that may not be left out. */\n"
-        + _constant("NEEDED", {name: keys for name, keys in needed.items() if keys}),
+    parts = [_interface(name, model, model in kinds) for name, model in models.items()]
+    names = " | ".join(kind.__name__ for kind in kinds)
+    parts += [
+        f"/** The store adds its number, and the state that it shows where none is given. */\n"
+        f"type Question =\n  {names};\n",
+        "/** What is sent. */\ntype Message = Question & { id: number; state: any };\n",
     ]
-    return "\n".join(parts).rstrip() + "\n"
+    # In a namespace: the document has a type Response of its own.
+    return "\n".join([_HEAD, "declare namespace Messages {", *parts, "}", ""])
 
 
 def _collect(model: type[BaseModel], models: dict[str, type[BaseModel]]) -> None:
@@ -65,43 +54,35 @@ def _held(annotation: Any) -> list[type[BaseModel]]:
     return [model for inner in get_args(annotation) for model in _held(inner)]
 
 
-def _fields(model: type[BaseModel]) -> dict[str, str | list[str] | None]:
-    """What each field of a model holds, those of every message left out."""
-    own = {key: x for key, x in model.model_fields.items() if key not in _EVERY}
-    return {key: _content(x.annotation) for key, x in own.items()}
+def _interface(name: str, model: type[BaseModel], is_message: bool) -> str:
+    lines = [f"interface {name} {{"]
+    for key, field in model.model_fields.items():
+        if key == "id":
+            continue
+        may_lack = not field.is_required() or (is_message and key in _ADDED)
+        lines.append(f"  {key}{'?' if may_lack else ''}: {_type(field.annotation)};")
+    return "\n".join([*lines, "}", ""])
 
 
-def _content(annotation: Any) -> str | list[str] | None:
-    """The model that a field holds, one or several, or the words that it may be."""
-    if get_origin(annotation) is Literal:
-        return list(get_args(annotation))
-    held = _held(annotation)
-    return held[0].__name__ if held else None
-
-
-def _rows(words: Iterable[str], first: str) -> list[str]:
-    """Words in lines of at most 110 letters; those after the first begin with blanks."""
-    rows = [first]
-    for word in words:
-        if len(rows[-1]) + len(word) > 110:
-            rows.append("   ")
-        rows[-1] += f" {word}"
-    return rows
-
-
-def _constant(name: str, values: dict[str, Any]) -> str:
-    lines = [row for key, value in values.items() for row in _rows_of(key, value)]
-    return "\n".join([f"export const {name} = {{", *lines, "};", ""])
-
-
-def _rows_of(key: str, value: Any) -> list[str]:
-    """A constant's entry."""
-    if not isinstance(value, dict) or not value:
-        return [f"  {key}: {json.dumps(value)},"]
-    held = [f"{name}: {json.dumps(one)}," for name, one in value.items()]
-    return _rows([*held[:-1], held[-1][:-1], "},"], f"  {key}: {{")
+def _type(annotation: Any) -> str:
+    """An annotation in TypeScript."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _type(inner[0])
+    if origin is Literal:
+        return " | ".join(f'"{word}"' for word in inner)
+    if origin is tuple:
+        return f"[{', '.join(map(_type, inner))}]"
+    if origin is list:
+        return f"({_type(inner[0])})[]"
+    if origin is dict:
+        return f"{{ [key in {_type(inner[0])}]?: {_type(inner[1])} }}"
+    if inner:
+        return " | ".join(map(_type, inner))
+    plain = {int: "number", float: "number", str: "string", bool: "boolean", type(None): "null"}
+    return plain[annotation] if annotation in plain else str(annotation.__name__)
 
 
 if __name__ == "__main__":
-    TARGET.write_text(javascript(), encoding="utf-8")
+    TARGET.write_text(typescript(), encoding="utf-8")
     print(f"Wrote {TARGET}")

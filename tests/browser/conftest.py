@@ -232,7 +232,6 @@ RESET = """() => {
     delete source.between;
     if (source.through) source.onanswer = source.through; // answers that a test has held back
     for (const answer of (window.held ?? []).splice(0)) source.onanswer(...answer);
-    store.readIn(null);
     store.wishedPlot = null;
     store.tell("replot");
     store.change({ ...structuredClone(store.hello.state), theme: store.state.theme, moved: null });

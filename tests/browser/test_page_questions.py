@@ -69,26 +69,21 @@ def test_which_joint_is_to_be_stiffened(stranger):
 
 
 def test_whether_a_or_k_matters(stranger):
-    assert not stranger.page.locator(".apart").is_visible()  # without a load all are the same
+    assert stranger.reads(".which-card summary .dim") == "the same without a load"
     stranger.click(".first-load >> text=along x")
     found = pushed(cartstiff.load("ur5")).matrices
-    scale = np.sqrt(np.abs(np.diag(found["K"])))
-    apart = 100 * np.max(np.abs(found["A"] - found["K"]) / np.outer(scale, scale))
-    shown = float(stranger.reads(".apart").split("up to ")[1].split(" ")[0])
+    scale = np.sqrt(np.abs(np.diag(found["A"])))
+    each = np.array([found[name] for name in "ABKF"])
+    apart = 100 * np.max((each.max(axis=0) - each.min(axis=0)) / np.outer(scale, scale))
+    shown = float(stranger.reads(".which-card summary .dim").split("up to ")[1].split(" ")[0])
     assert shown == pytest.approx(apart, rel=0.06)
-    # Open, the matrix has the difference marked.
-    stranger.click(".matrix-card > summary")
-    stranger.click(".connections [data-value=A]")
-    assert "entries differ" in stranger.reads(".differs")
-    stranger.page.keyboard.press("s")
-    stranger.page.wait_for_selector(".apart:has-text('Cᴬ and Cᴷ differ by up to')")
 
 
 def test_the_softest_direction(stranger):
     result = cartstiff.analyse(cartstiff.load("ur5"))
     values, axes = np.linalg.eigh(np.linalg.inv(result.tangent)[3:, 3:])
     said = stranger.reads(".softest")
-    assert float(said.split(": ")[1].split(" ")[0]) == pytest.approx(1e-3 / values[-1], rel=1e-3)
+    assert float(said.split(" ")[1]) == pytest.approx(1e-3 / values[-1], rel=1e-3)
     x, y, z = (result.pose[:3, :3] @ axes[:, -1]).tolist()
     assert direction_words((x, y, z)).replace(" deg", "°") in said
 

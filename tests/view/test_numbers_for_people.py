@@ -122,9 +122,7 @@ def test_the_legend_says_what_else_is_drawn_and_what_is_not():
 
 def test_curves_have_the_unit_of_their_values_that_are_not_zero():
     """A body that moves along one line only: two of three principal compliances are zero."""
-    store = (
-        '{ fine: null, sizes: {}, read: (x) => x, blockUnits: () => [["rad", ""], ["", "m/N"]] }'
-    )
+    store = '{ sizes: {}, blockUnits: () => [["rad", ""], ["", "m/N"]] }'
     rows = "[{ translation: [0, 0, 6.83e-5] }, { translation: [0, 0, 6.5e-5] }]"
     made = f'plotted({store}, "translation", {{ quantity: "compliance" }}, {rows}).unit'
     assert _in_node("curves.js", made) == "µm/N"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import re
+from pathlib import Path
 from typing import get_args
 
 import pytest
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from tests.inner import LARGEST_MESSAGE, Draw, Message, ViewState, read_message
 from tools import page_messages
 
+import cartstiff
 from cartstiff import InputError
 
 
@@ -104,11 +106,12 @@ def test_any_bytes_are_refused(data):
         read_message(data)
 
 
-def test_the_messages_of_the_script_are_those_of_the_models():
+def test_the_types_of_messages_are_those_of_the_models():
     """Written anew by ``python tools/page_messages.py``."""
-    assert page_messages.TARGET.read_text(encoding="utf-8") == page_messages.javascript()
+    assert page_messages.TARGET.read_text(encoding="utf-8") == page_messages.typescript()
 
 
+SCRIPTS = Path(cartstiff.__file__).parent / "page/static"
 # A question as the scripts write it: its "do" first, then fields, each by name or with a value.
 _QUESTION = re.compile(r'\{ do: "(\w+)"((?:, [^{}]*(?:\{[^{}]*\}[^{}]*)*)?) \}')
 _FIELD = re.compile(r",\s*(\w+)\b(?=\s*[:,]|\s*$)")
@@ -120,7 +123,7 @@ def test_every_question_of_the_scripts_has_fields_that_the_server_reads():
         for kind in get_args(Message)
     }
     found = dict.fromkeys(known, 0)
-    for path in sorted(page_messages.TARGET.parent.glob("*.js")):
+    for path in sorted(SCRIPTS.glob("*.js")):
         for do, rest in _QUESTION.findall(path.read_text(encoding="utf-8")):
             fields = _FIELD.findall(re.sub(r"\{[^{}]*\}|\([^()]*\)|\.\.\.", "", rest))
             assert set(fields) <= set(known[do]), f"{path.name}: {do} {fields}"

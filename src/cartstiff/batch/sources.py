@@ -531,13 +531,13 @@ def javascript_source(
         lines += [f"const [{','.join(before.terms)}]=terms;"]
     body, (*record, verdict) = _body(program, shared, JAVASCRIPT)
     lines += [*body, f"return {verdict}==={PLAIN:g}?[{','.join(record)}]:null;"]
-    write = partial(_javascript_function, shared)
+    write = partial(javascript_function, shared)
     parts = [_comment(facts, name, before.moves), HELPERS]
     parts += before.text("javascript", name, facts.arguments, write)
     return "\n".join([*parts, f"function {name}({arguments}){{{''.join(lines)}}}\n"])
 
 
-def _javascript_function(
+def javascript_function(
     shared: Mapping[str, Array], program: Tape, name: str, arguments: Mapping[str, int]
 ) -> str:
     """A program as a function of arrays."""

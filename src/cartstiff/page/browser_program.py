@@ -10,7 +10,8 @@ that the recorded formulas do not cover.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,13 +21,13 @@ from cartstiff.answer.doubts import WEIGHTS
 from cartstiff.answer.verdict import RULES
 from cartstiff.arrays import plain
 from cartstiff.batch.chains import ChainCase
-from cartstiff.batch.closed_chains import STEPS
+from cartstiff.batch.closed_chains import MAX_SETTLING_STEPS
 from cartstiff.batch.execution import HELPERS, javascript
-from cartstiff.batch.plans import CLOSING, SETTLING, TracedModel, program_for
+from cartstiff.batch.plans import SETTLING, TracedModel, program_for
 from cartstiff.batch.recording import Recording
-from cartstiff.batch.untraced import segment_program
+from cartstiff.batch.source_steps import Before
+from cartstiff.batch.sources import javascript_function
 from cartstiff.choices import LOAD_KINDS
-from cartstiff.mechanisms.closures import LONGEST_STEP, MOST_STEPS
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import (
@@ -38,7 +39,6 @@ from cartstiff.mechanisms.limits import (
 from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.notes import assumed_stiffness
 from cartstiff.page.shown import is_upright
-from cartstiff.potentials.contract import alike
 from cartstiff.report.sentences import ADVICE, VERDICTS
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness
@@ -100,13 +100,14 @@ def browser_program(
     free, loaded = bare.taken, pushed.taken
     if (reason := _left_out(free)) is not None:
         return reason
-    programs = {"free": bare.tape}
+    programs, steps = {"free": bare.tape}, dict[str, str]()
     if free.is_closed:
         bending, no_load = _link_deflection(loaded, elastic.names)
     else:
         bending, no_load = None, _left_out(loaded)
     if bending is not None:
-        programs |= bending.pop("programs")
+        programs["settling"] = program_for(loaded.case, SETTLING)
+        steps["bent"] = _steps(loaded, "bent")
         no_load = None
     if no_load is None:
         programs["loaded"] = pushed.tape
@@ -114,16 +115,18 @@ def browser_program(
         return no_load
     closing = None
     if isinstance(free.case, ChainCase) and free.is_closed:
-        steps = {
-            f"closing{i}": program_for(way, CLOSING)
-            for i, way in enumerate(free.case.ways)
-        }
-        programs |= steps
-        closing = _chain_closure(free.case, free, list(steps))
+        ways = [replace(free, case=way) for way in free.case.ways]
+        # Only with its drives held a chain is led from its reference posture.
+        ways[1:] = [replace(way, home=None) for way in ways[1:]]
+        steps |= {f"way{i}": _steps(way, f"way{i}") for i, way in enumerate(ways)}
+        closing = _chain_closure(free.case, [f"way{i}" for i in range(len(ways))])
     written = {name: javascript(program) for name, program in programs.items()}
     parts = [f"{name}:{source}" for name, (source, _) in written.items()]
+    parts += [f"{name}:{name}_close" for name in steps if name != "bent"]
+    parts += ["terms:bent_terms"] * ("bent" in steps)
     # In braces: a page may load it again, for another frame.
-    script = f"{{{HELPERS}globalThis.cartstiffProgram={{{','.join(parts)}}};}}"
+    own = "".join(steps.values())
+    script = f"{{{HELPERS}{own}globalThis.cartstiffProgram={{{','.join(parts)}}};}}"
     data = {
         "places": {name: places for name, (_, places) in written.items()},
         "shared": {
@@ -169,43 +172,36 @@ def _link_deflection(
     bends = chosen.settles and terms.beams and not terms.is_dense
     if not (bends and isinstance(case, ChainCase) and case.is_closed) or case.coupled:
         return None, _left_out(chosen)
-    programs, beams = {"settling": program_for(case, SETTLING)}, []
-    for group in alike(terms.beams):
-        name = f"segment{len(programs)}"
-        programs[name] = segment_program(group[0].length, group[0].section)
-        beams += [(beam, name) for beam in group]
-    ordered = sorted(beams, key=lambda one: terms.beams.index(one[0]))
     return {
-        "programs": programs,
         "beams": [
             {
-                "program": name,
                 "label": beam.link or names[beam.indices[0, 0]],
                 "segments": beam.indices.tolist(),
             }
-            for beam, name in ordered
+            for beam in terms.beams
         ],
+        "terms": list(Before.of(chosen, len(names)).terms),
         "last": LAST,
         "rounded": ROUNDED,
+        "steps": MAX_SETTLING_STEPS,
     }, None
 
 
-def _chain_closure(
-    case: ChainCase, chosen: TracedModel, ways: list[str]
-) -> dict[str, Any]:
-    """Return how a chain is closed: programs, reference posture, bounds of the steps."""
-    home, lengths = chosen.home, case.constants.is_length
-    led: dict[str, Any] = {"home": None, "held": [], "lengths": []}
-    if home is not None:
-        held = list(home.held)
-        led = {"home": home.q.tolist(), "held": held}
-        led["lengths"] = home.lengths[held].tolist()
+def _steps(chosen: TracedModel, name: str) -> str:
+    """Functions of a source's steps towards a posture, which begin with a name."""
+    n = len(chosen.case.constants.is_length)
+    before = Before.of(chosen, n)
+    if name == "bent":  # the wrench may turn with the body: the page takes these steps
+        before = before._replace(closing=None, settling=None)
+    write = partial(javascript_function, {})
+    return "\n".join(before.text("javascript", name, {"q": n}, write))
+
+
+def _chain_closure(case: ChainCase, ways: list[str]) -> dict[str, Any]:
+    """Return what closes a chain, one after the other, and what moves then."""
+    lengths = case.constants.is_length
     return {
         "ways": ways,
-        **led,
-        "longest": LONGEST_STEP,
-        "most": MOST_STEPS,
-        "steps": STEPS,
         "freedoms": case.freedoms,
         "independent": list(case.independent),
         "distances": [lengths[j] for j in case.independent] or [False] * case.freedoms,

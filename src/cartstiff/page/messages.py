@@ -11,7 +11,8 @@ import json
 import re
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, TypeVar
+from functools import cache
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
@@ -88,7 +89,7 @@ class ViewState(_Strict):
     quantity_of_map : str or None
         The quantity that colours the points of the map.
     mode : int or None
-        The mode, from 1, whose nodal axis is drawn; None for no modes at all.
+        The mode, from 1, whose nodal axis and swing are drawn; None for no modes at all.
 
     allowed : float or None
         The displacement of the reference point under the load that is enough.
@@ -144,6 +145,37 @@ class ViewState(_Strict):
         if self.load_at is not None:
             return self.load_at
         return (0.0, 0.0, 0.0) if self.load is None else self.point
+
+
+#: Of a state what an address does not hold.
+_NOT_IN_ADDRESS = ("moved", "ghost", "measures", "theme", "enlarged", "drawn")
+
+
+@cache
+def address_forms() -> dict[str, dict[str, Any]]:
+    """How an address writes each field of a state that it holds.
+
+    One of some "words", or numbers, so many if there is a "count"; null where it is
+    "optional".
+    """
+    forms = dict[str, dict[str, Any]]()
+    for name, field_of in ViewState.model_fields.items():
+        if name in _NOT_IN_ADDRESS:
+            continue
+        annotation = field_of.annotation
+        kinds = get_args(annotation) if type(None) in get_args(annotation) else ()
+        kind = next((one for one in kinds if one is not type(None)), annotation)
+        if get_origin(kind) is Annotated:
+            kind = get_args(kind)[0]
+        if get_origin(kind) is Literal:
+            forms[name] = {"words": list(get_args(kind))}
+        elif kind is bool:
+            forms[name] = {"words": ["true", "false"]}
+        else:
+            count = len(get_args(kind)) if get_origin(kind) is tuple else None
+            count = 1 if kind in (int, float) else count
+            forms[name] = {"count": count, "optional": bool(kinds)}
+    return forms
 
 
 class _Request(_Strict):
@@ -209,13 +241,6 @@ class Series(_Request):
     """Principal values along the trajectory that the page was started with."""
 
     do: Literal["series"]
-
-
-class Swing(_Request):
-    """Pictures along the swing of the mode that the state names."""
-
-    do: Literal["swing"]
-    share: float = Field(default=0.05, gt=0.0, le=0.5)
 
 
 class Response(_Request):
@@ -285,7 +310,6 @@ Message = (
     | Better
     | WhatIf
     | Series
-    | Swing
     | Response
     | Analysis
     | Said

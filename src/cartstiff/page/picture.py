@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import fields
 from typing import Any
@@ -11,13 +11,14 @@ import numpy as np
 
 from cartstiff.analysis.screws import Screw
 from cartstiff.errors import UndefinedError
-from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.messages import ViewState
 from cartstiff.page.source import Cloud
 from cartstiff.scene.appearance import Appearance
 from cartstiff.scene.enlarged import factor_for, posture_after, turned_by
 from cartstiff.scene.scene import Scene
+from cartstiff.scene.swing import swing_of
 from cartstiff.scene.viewer import RecordingWindow, ViewerNode
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.vibration.modes import modes
@@ -43,9 +44,10 @@ class PageScene:
         """Move everything to a posture; return the legend, see `Scene.draw`.
 
         Where a load has `moved` the body (see `cartstiff.page.shown.shown_numbers`), the
-        legend says under "rest" how much that is enlarged.
+        legend says under "rest" how much that is enlarged. Of a mode that is
+        one end of its swing.
         """
-        nodal = None
+        nodal, factor, rest = None, None, None
         if state.mode is not None:
             with suppress(UndefinedError):
                 swings = modes(result)
@@ -55,8 +57,10 @@ class PageScene:
                         float(swings.frequencies[state.mode - 1]),
                         swings.nodal_axes[state.mode - 1],
                     )
-        factor, rest = None, None
-        if state.deflection and moved is not None and moved["resisted"]:
+                    step, far = swing_of(swings, state.mode)
+                    factor, rest = self._away(result, step, far, 1.0, None)
+        is_moved = moved is not None and moved["resisted"]
+        if rest is None and state.deflection and is_moved:
             factor, rest = self._rest(result, state, moved)
         quantity = state.drawn or (
             "compliance" if moved is not None and moved["resisted"] else state.quantity
@@ -64,7 +68,9 @@ class PageScene:
         look = _appearance(
             state, nodal, rest=rest, quantity=quantity, said=state.quantity
         )
-        return {**self._scene.draw(result, look), "rest": factor and {"enlarged": factor}}
+        mode = None if nodal is None else nodal[0]
+        away = factor and {"enlarged": factor, "mode": mode}
+        return {**self._scene.draw(result, look), "rest": away}
 
     def _rest(
         self, result: PostureStiffness, state: ViewState, moved: Mapping[str, Any]
@@ -74,15 +80,23 @@ class PageScene:
         if motion is None:
             return None, None
         step, lengths = np.array(motion), result.posture.coordinate_lengths
-        factor = factor_for(
-            max(np.hypot.reduce(moved[key]) for key in ("displacement", "of_frame")),
-            turned_by(mechanism, step, lengths),
-            self._scene.size,
-            state.enlarged,
-        )
+        far = max(np.hypot.reduce(moved[key]) for key in ("displacement", "of_frame"))
+        turned = turned_by(mechanism, step, lengths)
+        return self._away(result, step, far, turned, state.enlarged)
+
+    def _away(
+        self,
+        result: PostureStiffness,
+        step: Array,
+        moved: float,
+        turned: float,
+        wanted: float | None,
+    ) -> tuple[float | None, tuple[float, ...] | None]:
+        """How much a step of the coordinates is enlarged, and those before it."""
+        factor = factor_for(moved, turned, self._scene.size, wanted)
         if factor is None:
             return None, None
-        posture = posture_after(mechanism, result.q, -factor * step)
+        posture = posture_after(result.mechanism, result.q, -factor * step)
         return (None, None) if posture is None else (factor, tuple(posture.q.tolist()))
 
     def assets(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
@@ -91,16 +105,6 @@ class PageScene:
         What places them, see `Scene.assets`.
         """
         return self._scene.assets(result, _appearance(state))
-
-    def along(self, postures: Sequence[MechanismPosture]) -> list[list[bytes]]:
-        """Commands that bring the mechanism from each posture to the next;
-        no numbers change.
-        """
-        pictures = []
-        for posture in postures:
-            self._scene.move(posture)
-            pictures.append(self._window.take())
-        return pictures
 
     def cloud(self, cloud: Cloud, quantity: str) -> dict[str, Any]:
         """Draw a map's points, coloured by a quantity.

@@ -38,9 +38,9 @@ from cartstiff.page.messages import (
     Said,
     Series,
     Sweep,
-    Swing,
     ViewState,
     WhatIf,
+    address_forms,
 )
 from cartstiff.page.picture import PageScene
 from cartstiff.page.shown import (
@@ -57,13 +57,11 @@ from cartstiff.page.source import Source, changed
 from cartstiff.page.what_if import what_if
 from cartstiff.report.analysis import summary_text
 from cartstiff.report.sentences import answer_sentences, displacement_words, words_of
-from cartstiff.scene.swing import swing_of
 from cartstiff.statics.command import analyse_commanded
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.toolpaths.better import better_posture
 from cartstiff.version import __version__
-from cartstiff.vibration.modes import modes
 
 _Work = Generator[None, None, Answer]
 # Why a row has no values if a drive has moved: by more than this, relative to 1 or its
@@ -180,7 +178,8 @@ class Session:
             "now": None if now is None else now.model_dump(),
             **self._facts,
             "trajectory": _trajectory_in_short(self.source),
-            "cloud": _cloud_in_short(self.source),
+            "cloud": (cloud := _cloud_in_short(self.source)),
+            "forms": forms_of(len(self._q), cloud),
         }
         result = self.result(state)
         legend = self._draw(result, state)
@@ -203,8 +202,6 @@ class Session:
                 return self._drawn(message)
             if isinstance(message, Frame):
                 return self._other_frame(message)
-            if isinstance(message, Swing):
-                return self._swing(message)
             if isinstance(message, Better):
                 return Answer(
                     {"id": message.id, "do": "better", **self._better(message.state)}
@@ -417,22 +414,6 @@ class Session:
         answer.data["kept"] = [_seen_from(one, T).model_dump() for one in message.kept]
         return answer
 
-    def _swing(self, message: Swing) -> Answer:
-        """Commands of every picture of a swing; those of the rest come last."""
-        swings = modes(self.result(message.state))
-        swung = swing_of(swings, message.state.mode or 1, message.share)
-        pictures = self.picture.along([*swung.postures, swings.posture])
-        return Answer(
-            {
-                "id": message.id,
-                "do": "swing",
-                "counts": [len(one) for one in pictures],
-                "displacement": swung.displacement,
-                "turn": swung.turn,
-            },
-            [command for one in pictures for command in one],
-        )
-
     def analysis(self, result: PostureStiffness, state: ViewState) -> dict[str, str]:
         """The answer and the analysis of the shown matrix at the reference point,
         as text.
@@ -582,6 +563,15 @@ def _trajectory_in_short(source: Source) -> dict[str, Any] | None:
     if trajectory is None:
         return None
     return {"time": trajectory.time.tolist(), "timed": trajectory.timed}
+
+
+def forms_of(count: int, cloud: Mapping[str, Any] | None) -> dict[str, Any]:
+    """How an address writes the fields of a state of so many coordinates."""
+    maps = {"words": [one["name"] for one in cloud["quantities"]]} if cloud else {}
+    return address_forms() | {
+        "q": {"count": count, "optional": False},
+        "quantity_of_map": maps | {"optional": True},
+    }
 
 
 def _cloud_in_short(source: Source) -> dict[str, Any] | None:

@@ -155,15 +155,6 @@ class Scene:
             "notes": notes,
         }
 
-    def move(self, posture: MechanismPosture) -> None:
-        """Bring the mechanism and its frame M to a posture.
-
-        All else stays as it was drawn.
-        """
-        if self._theme:
-            self._mechanism.move(posture)
-            self._frame.set_transform(posture.pose)
-
     def points(
         self,
         positions: ArrayLike,

@@ -237,11 +237,8 @@ export function compareCard(store) {
     if (!rows.length || !numbers) return;
     const here = values(numbers, store.shown);
     const [[turnUnit], [, moveUnit]] = store.blockUnits();
-    const sizes = [[store.unit("length"), 1], [moveUnit, store.read(1)], [turnUnit, 1]].map(([of, times], k) => {
-      const size = k ? (here[k] ?? 0) * times : store.sizes.displacement ?? 0;
-      const [factor, unit] = k === 1 && store.fine ? [1, of] : inSize(size, of);
-      return [times / factor, unit];
-    });
+    const sizes = [store.unit("length"), moveUnit, turnUnit]
+      .map((unit, k) => inSize((k ? here[k] : store.sizes.displacement) ?? 0, unit));
     const [moving, turning] = freeness(store.shown);
     const heads = ["moves", `softest of ${symbol(store.shown)}, ${moving}`,
       `in rotation, ${turning}`];
@@ -249,7 +246,7 @@ export function compareCard(store) {
       el("tr", { title: title ?? null }, el("th", { scope: "row" }, name, " ", el("span", { class: "dim" }, note),
         ...buttons),
       ...found);
-    const cell = (x, k, ratio) => el("td", { class: "num" }, x === null ? "–" : short(x * sizes[k][0]),
+    const cell = (x, k, ratio) => el("td", { class: "num" }, x === null ? "–" : short(x / sizes[k][0]),
       ratio === null ? "" : el("span", { class: "ratio dim" }, ` × ${short(ratio, 3)}`));
     table.replaceChildren(
       el("thead", {}, el("tr", {}, el("td"),
@@ -292,5 +289,4 @@ export function compareCard(store) {
     refresh();
     update();
   });
-  store.on("units", update);
 }

@@ -16,37 +16,35 @@ const UNSTABLE = "unstable: the load pushes it away";
 const only = (...values) => (values.every((x) => x === null || x === undefined) ? null : values.map((x) => x ?? null));
 
 /**
- * `of` reads numbers, in the units of the mechanism; `scale` says what one of these is in `unit`, if not 1; `nothing`
- * why a row has no value. The `worst` posture is that of the largest value, or of the least; of a stiffness of the
- * least, of a compliance of the largest.
+ * `of` reads numbers, in the units of the mechanism; `nothing` says why a row has no value. The `worst` posture is that
+ * of the largest value (1) or of the smallest (-1); of a stiffness of the smallest, of a compliance of the largest.
  */
 export const CURVES = [
-  { key: "deflection", worst: "largest", words: "deflection", title: () => "How far the load moves the point",
+  { key: "deflection", worst: 1, words: "deflection", title: () => "How far the load moves the point",
     nothing: ({ unstable }) => (unstable ? UNSTABLE : "no load: nothing moves"),
     of: resisted(({ displacement }) => size(displacement)), unit: (store) => store.unit("length") },
-  { key: "turn", worst: "largest", words: "turn under the load", title: () => "How far the load turns the body",
+  { key: "turn", worst: 1, words: "turn under the load", title: () => "How far the load turns the body",
     nothing: ({ unstable }) => (unstable ? UNSTABLE : "no load: nothing turns"),
     of: resisted(({ rotation }) => size(rotation)), unit: () => "rad" },
   { key: "translation", words: "translation", title: (_, state) =>
     `Principal ${state.quantity} of translation, ${freeness(state)[0]}`, lines: extremes,
-    of: principal("translation"), scale: (store, { quantity }) => store.read(1, quantity),
-      unit: (store, { quantity }) => store.blockUnits(quantity)[1][1] },
+    of: principal("translation"), unit: (store, { quantity }) => store.blockUnits(quantity)[1][1] },
   { key: "rotation", words: "rotation", title: (_, state) =>
     `Principal ${state.quantity} of rotation, ${freeness(state)[1]}`, lines: extremes,
     of: principal("rotation"), unit: (store, { quantity }) => store.blockUnits(quantity)[0][0] },
-  { key: "condition", worst: "largest", words: "condition",
+  { key: "condition", worst: 1, words: "condition",
     title: () => "Condition number of the stiffness, of its translations (rotation held), of its rotations "
       + "(translation held)",
     lines: ["whole", "translation", "rotation"], nothing: () => "the stiffness does not exist here", unit: () => "1",
     of: ({ indices }) => indices && only(indices.condition_number, indices.translational_condition,
       indices.rotational_condition) },
-  { key: "singularity", worst: "least", words: "singular values", title: () =>
+  { key: "singularity", worst: -1, words: "singular values", title: () =>
     "Smallest over largest singular value: 0 at a singularity", unit: () => "1",
     of: ({ singularity }) => (singularity.length ? [Math.min(...singularity.map(({ ratio }) => ratio))] : null) },
-  { key: "energy", worst: "largest", words: "energy", title: () => "Energy that potentials store at the posture",
+  { key: "energy", worst: 1, words: "energy", title: () => "Energy that potentials store at the posture",
     nothing: () => "no energy is stored",
     of: ({ result }) => only(result.energy), unit: (store) => store.unit("moment") },
-  { key: "leg_force", worst: "largest", words: "leg force", title: () => "Largest force of a leg",
+  { key: "leg_force", worst: 1, words: "leg force", title: () => "Largest force of a leg",
     nothing: () => "no legs, or none with a force",
     of: ({ legs }) => (legs?.some(({ tension }) => tension !== null)
       ? [Math.max(...legs.map(({ tension }) => Math.abs(tension ?? 0)))] : null),
@@ -67,22 +65,20 @@ function reasonOf(store, { reason, moved }) {
   return `the loops do not close with the drives there: ${words.join("; ")}${more}`;
 }
 
-/** What the plot of a state shows: values of a row, in a unit of the rows' size unless one was chosen; words. */
+/** What the plot of a state shows: values of a row, in a unit of the rows' size; words. */
 export function plotted(store, key, state, rows) {
   const curve = CURVES.find((each) => each.key === key);
-  const own = curve.scale?.(store, state) ?? 1;
   const sizes = rows.flatMap((row) => row?.[key] ?? []).map(Math.abs).filter((x) => x > 0 && x < Infinity)
     .sort((a, b) => a - b);
   // In the page's unit of the quantity, if it has one.
-  const middle = store.sizes[key] ?? own * (sizes[sizes.length >> 1] ?? 0);
-  const [factor, unit] = store.fine ? [1, curve.unit(store, state)] : inSize(middle, curve.unit(store, state));
+  const [factor, unit] = inSize(store.sizes[key] ?? sizes[sizes.length >> 1] ?? 0, curve.unit(store, state));
   return {
     lines: typeof curve.lines === "function" ? curve.lines(state) : curve.lines ?? [curve.words],
-    worst: curve.worst ?? (state.quantity === "stiffness" ? "least" : "largest"),
-    read: (x) => (x * own) / factor,
+    worst: curve.worst ?? (state.quantity === "stiffness" ? -1 : 1),
+    read: (x) => x / factor,
     unit,
     title: curve.title(store, state),
-    values: (row) => row?.[key]?.map((x) => (x === null ? null : (x * own) / factor)) ?? null,
+    values: (row) => row?.[key]?.map((x) => (x === null ? null : x / factor)) ?? null,
     why: (row) => reasonOf(store, row) ?? curve.nothing?.(row)
       ?? (state.quantity === "stiffness" ? "the stiffness does not exist here; the compliance may"
         : "the compliance does not exist here"),

@@ -1,11 +1,9 @@
 // The answer: how far the load moves the point, which way, and what contributes; without a load, where it is softest.
 
-import { button, byId, el, engineering, plainly, short, together } from "./dom.js";
+import { button, byId, el, engineering, plainly, together } from "./dom.js";
 import { give } from "./give.js";
-import { symbol } from "./matrix.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { doubts } from "./plotfiles.js";
-import { differences } from "./principal.js";
 import { shareBars, sharePicture } from "./shares.js";
 
 // A load to begin with: its size in the unit of force, and directions in the room.
@@ -63,7 +61,7 @@ export function deflectionPanel(store) {
   const first = firstLoad(store);
   const settled = el("p", { class: "fact settled", hidden: true });
   const bars = shareBars(store);
-  const { node: play, line: factor } = give(store, () => displacementWords(store));
+  const { node: play, line: factor, toggle } = give(store, () => displacementWords(store));
   sharePicture(store);
   let asked = null;
   /** What the library says of the equilibrium, where it differs from the first order; asked for at rest. */
@@ -79,10 +77,8 @@ export function deflectionPanel(store) {
     settled.textContent = plainly(found.settled);
     settled.hidden = false;
   }
-  const [softest, apart, doubt, found, advice] = ["softest", "apart", "doubt", "found", "advice"]
+  const [softest, doubt, found, advice] = ["softest", "doubt", "found", "advice"]
     .map((name) => el("p", { class: `fact ${name}` }));
-  apart.title = "Largest difference of two entries, over the square root of the product of the two diagonal entries "
-    + "beside it";
   const search = button("Better posture", async () => {
     search.disabled = true;
     const words = await better(store).catch(({ message }) => message);
@@ -93,24 +89,18 @@ export function deflectionPanel(store) {
   store.on("state", () => { found.textContent = ""; });
   byId("right").append(el("div", { class: "card moved-card" },
     el("div", { class: "row head" }, title, el("span", { class: "grow" }), search, play),
-    first, head, advice, factor, settled, found, bars, softest, apart, doubt, detail, line));
+    first, head, advice, factor, settled, found, bars, softest, doubt, detail, line));
 
-  /** What is true with a load or without: the softest direction, whether A or K matters, how sure the springs are. */
+  /** What is true with a load or without: the softest direction, how sure the springs are. */
   function facts() {
-    const { softest: soft, result, moved, verdict } = store.numbers;
+    const { softest: soft, result, verdict } = store.numbers;
     softest.hidden = !soft;
     const where = soft?.which ? plainly(soft.which) : "along more than one direction alike";
     if (soft) {
-      softest.replaceChildren("Softest ", el("span", { class: "dim" }, "(free to turn)"), ": ",
-        el("b", {}, engineering(soft.stiffness, `${store.unit("force")}/${store.unit("length")}`)), `, ${where}`);
+      softest.replaceChildren("Softest ", el("b", {}, engineering(soft.stiffness,
+        `${store.unit("force")}/${store.unit("length")}`)), ` ${where}`,
+      el("span", { class: "dim" }, ", free to turn"));
     }
-    // Without a load all matrices are the same.
-    const [A, K] = ["A", "K"].map((name) => store.matrix(name));
-    apart.hidden = !A || !K || !soft || !moved;
-    const most = differences({ K, A }).find(({ share }) => share < Infinity)?.share ?? 0;
-    const both = `${symbol(store.shown, "A")} and ${symbol(store.shown, "K")}`;
-    apart.textContent = most === 0 ? `${both} are the same here`
-      : `${both} differ by up to ${short(100 * most, 2)} %`;
     const found = doubts(store, store.shown);
     const [assumed, onLines] = ["stiffness-assumed", "held-by-lines"]
       .map((name) => result.notes.find(({ code }) => code === name)?.message);
@@ -144,7 +134,10 @@ export function deflectionPanel(store) {
       head.hidden = true;
       return;
     }
-    if (!moved.resisted) return say("bad", "Unstable: the load pushes it away");
+    if (!moved.resisted) { // which the verdict says, and what to try
+      head.hidden = Boolean(store.numbers.verdict.advice);
+      return say("bad", "Unstable: the load pushes it away");
+    }
     // A turn that is rounding beside the way is none.
     const [way, turn] = [moved.displacement, moved.rotation].map((v) => Math.hypot(...v));
     const turned = turn * store.hello.mechanism.size > NEGLIGIBLE_DIFFERENCE * way ? turn : 0;
@@ -165,4 +158,5 @@ export function deflectionPanel(store) {
       ...moved.notes.map((note) => el("div", { class: "dim small" }, note)));
     line.textContent = line.title = assumptions(store, moved);
   });
+  return { toggle };
 }

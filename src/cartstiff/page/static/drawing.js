@@ -199,7 +199,7 @@ export class Drawing {
     const there = program.place(q);
     this.mechanism("rest", there);
     this.pose("rest/M", there.pose);
-    return { enlarged: factor };
+    return { enlarged: factor, mode: null };
   }
 
   factor(m, { enlarged }, { displacement, of_frame: shift, motion }) {

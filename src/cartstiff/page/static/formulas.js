@@ -4,19 +4,13 @@
 import { adjoint, angles, back, changed, congruence, cross, dot, identity, inverse, largest, motion, moving, place,
   plus, product, rotation, scaled, scaledInverse, singular, sureOfInverse, symmetric, times,
   transposed } from "./algebra.js";
-import { ATTAINABLE_PRECISION, EPSILON, LOST_ERROR, MAX_FUTILE_STEPS, NEGLIGIBLE_DIFFERENCE, RANK, REPORTED_ERROR,
-  ROUNDOFF, SMALLEST_STEP } from "./numerics.js";
+import { EPSILON, LOST_ERROR, NEGLIGIBLE_DIFFERENCE, RANK, REPORTED_ERROR } from "./numerics.js";
 
 export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, "
   + "for the formulas in this page: `cartstiff view` answers it";
 export const NOT_CLOSED = "the loops do not close with the drives there, or only at a singularity";
 // What forces inside a platform may lose near type 2, as a ratio of singular values.
 const UNSURE = 10 * REPORTED_ERROR ** 0.5;
-
-// Steps within which links come to rest under a load, and turns of their ends (rad) up to which no note asks for more
-// segments.
-const MOST_BENT = 40;
-const BENT = 0.3;
 
 export class Formulas {
   constructor(data, programs) {
@@ -50,49 +44,15 @@ export class Formulas {
     return { stiffness };
   }
 
-  /** Coordinates that close a chain, its drives where they are. */
+  /** Coordinates that close a chain, its drives where they are, as the library finds them. */
   closed(q) {
     const { closing } = this.data;
     if (!closing) return q;
-    const found = this.led(q) ?? this.shut(q, closing.ways);
-    if (!found) throw new Error(NOT_CLOSED);
-    return found;
-  }
-
-  /** From the reference posture, where all coordinates but the drives are as there. */
-  led(q) {
-    const { ways, home, held, lengths, longest, most } = this.data.closing;
-    if (!home?.every((x, j) => x === q[j] || held.includes(j))) return null;
-    const way = held.map((j) => q[j] - home[j]);
-    const steps = Math.ceil(Math.max(...way.map((x, i) => Math.abs(x) / lengths[i])) / longest);
-    if (steps <= 1 || steps > most) return null;
-    let found = home;
-    for (let k = 1; k <= steps && found; k++) {
-      const start = found.slice();
-      held.forEach((j, i) => { start[j] = k === steps ? q[j] : home[j] + (way[i] * k) / steps; });
-      found = this.shut(start, ways.slice(0, 1));
+    for (const name of closing.ways) {
+      const found = this.programs[name](Array.from(q));
+      if (found) return found;
     }
-    return found;
-  }
-
-  /** Steps towards closure, as `cartstiff.batch.closed_chains.close` takes them; null where they end in vain. */
-  shut(start, ways) {
-    const { longest, steps } = this.data.closing;
-    for (const name of ways) {
-      let [q, before, best, futile] = [start, Infinity, Infinity, 0];
-      for (let k = 0; ; k++) {
-        const found = this.run(name, { q });
-        const [size, step, length, doubt] = found("left");
-        const unit = Math.max(1, length);
-        if (size <= ATTAINABLE_PRECISION * unit || (size <= ROUNDOFF * unit
-          && (size > 0.1 * before || step <= SMALLEST_STEP))) return q;
-        if (doubt !== 0 || !Number.isFinite(step) || k === steps) throw new Error(NOT_CLOSED);
-        futile = size < 0.9 * best ? 0 : futile + 1;
-        if (step <= SMALLEST_STEP || (futile >= MAX_FUTILE_STEPS && step < longest)) break;
-        [before, best, q] = [size, Math.min(best, size), found("next")];
-      }
-    }
-    return null;
+    throw new Error(NOT_CLOSED);
   }
 
   /** Pose and joints' frames alone, with the rates of the coordinates that move independently. */
@@ -235,37 +195,20 @@ export class Formulas {
    * become inputs.
    */
   bent(start, state, inputs) {
-    const { beams, last, rounded } = this.data.bending;
+    const { last, rounded, steps, terms } = this.data.bending;
     let [q, moved] = [start, Infinity];
-    for (let k = 0; k < MOST_BENT; k++) {
-      Object.assign(inputs, this.segments(q, beams));
+    for (let k = 0; k < steps; k++) {
+      const found = this.programs.terms(q);
+      if (!found) throw new Error(NOT_PLAIN);
+      terms.forEach((name, i) => { inputs[name] = found[i]; });
       if (moved <= last) return q;
-      const found = this.run("settling", { ...inputs, q, wrench: this.given(q, state) });
-      const [step, doubt] = found("moved");
+      const next = this.run("settling", { ...inputs, q, wrench: this.given(q, state) });
+      const [step, doubt] = next("moved");
       if (doubt !== 0 || !Number.isFinite(step)) break;
-      [q, moved] = [found("settled"), step];
+      [q, moved] = [next("settled"), step];
     }
     if (!(moved <= rounded)) throw new Error(NOT_PLAIN);
     return q;
-  }
-
-  /** Energy, gradients and Hessians (lower triangles) of the segments of beams. */
-  segments(q, beams) {
-    let energies = 0;
-    const [gradients, hessians] = [[], []];
-    for (const { program, segments } of beams) for (const indices of segments) {
-      const x = indices.map((j) => q[j]);
-      const found = this.run(program, { x });
-      if (found("verdict")[0] !== 0 || largest([x.with(2, 0)]) > BENT) throw new Error(NOT_PLAIN);
-      energies += found("energy")[0];
-      gradients.push(...found("gradient"));
-      const lower = found("hessian");
-      for (let i = 0; i < 6; i++) for (let j = 0; j < 6; j++) {
-        const row = Math.max(i, j);
-        hessians.push(lower[(row * (row + 1)) / 2 + Math.min(i, j)]);
-      }
-    }
-    return { energies: [energies], segment_gradients: gradients, segment_hessians: hessians };
   }
 
   /** J H^-1 J^T. */

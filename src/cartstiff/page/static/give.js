@@ -66,8 +66,8 @@ const numberOf = (colour) => Number(`0x${colour.slice(1)}`);
 export function give(store, answer) {
   const { THREE } = MeshCat;
   const still = matchMedia("(prefers-reduced-motion: reduce)");
-  const node = button("▶ Show it move", () => (playing ? stop() : start()), { class: "quiet", hidden: true,
-    "aria-pressed": "false", title: "From where it rests without the load to where it is under it, and back" });
+  const node = button("▶ Show it move", () => toggle(), { class: "quiet", hidden: true, "aria-pressed": "false",
+    title: "From where it rests without the load to where it is under it, and back; or the swing of a mode (v)" });
   const slider = el("input", { type: "range", min: 0, max: 1, step: 0.01,
     "aria-label": "How much the motion is enlarged",
     oninput: () => store.change({ enlarged: Number((most() ** slider.valueAsNumber).toPrecision(2)) }) });
@@ -94,7 +94,7 @@ export function give(store, answer) {
 
   function update() {
     const found = ends();
-    if (!found || !store.numbers?.moved) return draw(null);
+    if (!found || !store.numbers?.moved || store.legend.rest.mode !== null) return draw(null);
     const [from, to] = found.map((object) => new THREE.Vector3(...store.shown.point).applyMatrix4(matrix(object)));
     if (from.distanceTo(to) < NEGLIGIBLE_DIFFERENCE) return draw(null);
     draw(from, to, answer());
@@ -109,6 +109,7 @@ export function give(store, answer) {
       position: object.position.clone(), quaternion: object.quaternion.clone(), scale: object.scale.clone() }));
     const back = matrix(to).invert();
     playing = {};
+    store.isPlaying = true;
     node.textContent = "◼ Stop";
     node.setAttribute("aria-pressed", "true");
     /** All between the rest (1) and where it is (0). */
@@ -125,7 +126,10 @@ export function give(store, answer) {
       }
       store.pane.viewer.set_dirty();
     };
-    playing.halt = ticking((now) => playing?.put(0.5 + 0.5 * Math.cos((2 * Math.PI * now) / SWAY_TIME)));
+    // A load's way goes one way and back; a mode swings to either side.
+    const { mode } = store.legend.rest;
+    const share = (turn) => (mode === null ? 0.5 + 0.5 * Math.cos(turn) : Math.sin(turn));
+    playing.halt = ticking((now) => playing?.put(share((2 * Math.PI * now) / SWAY_TIME)));
   }
 
   function stop() {
@@ -133,17 +137,23 @@ export function give(store, answer) {
     playing.halt();
     playing.put(0);
     playing = null;
+    store.isPlaying = false;
     node.textContent = "▶ Show it move";
     node.setAttribute("aria-pressed", "false");
   }
+
+  const toggle = () => {
+    if (playing) stop();
+    else if (!still.matches) start();
+  };
 
   store.on("state", stop);
   store.on("numbers", () => {
     stop();
     const enlarged = store.legend?.rest?.enlarged ?? null;
-    line.hidden = enlarged === null;
+    line.hidden = enlarged === null || store.legend.rest.mode !== null;
     node.hidden = enlarged === null || still.matches;
-    if (enlarged === null) return;
+    if (line.hidden) return;
     const { enlarged: wanted } = store.shown;
     if (wanted === null) usual = enlarged;
     words.textContent = typeset(`drawn ${short(enlarged, 3)} times as far`);
@@ -151,5 +161,5 @@ export function give(store, answer) {
     slider.setAttribute("aria-valuetext", `${short(enlarged, 3)} times`);
     auto.disabled = wanted === null;
   });
-  return { node, line };
+  return { node, line, toggle };
 }

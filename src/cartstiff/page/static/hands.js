@@ -99,7 +99,7 @@ export function hands(store) {
   }
 
   function update() {
-    const live = store.source.moves && store.numbers !== null && !store.swing?.playing;
+    const live = store.source.moves && store.numbers !== null && !store.isPlaying;
     tool.visible = live;
     if (live) {
       const M = node("M");

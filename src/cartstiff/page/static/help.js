@@ -10,7 +10,7 @@ export function shortcuts(store, parts) {
     .map(([sign, words, act, list]) => [button(sign, act, { title: words, "aria-label": words, disabled: true }),
       list]);
   const able = () => { for (const [node, list] of steps) node.disabled = !list().length; };
-  for (const event of ["numbers", "kept", "units", "plot", "angles"]) store.on(event, able);
+  for (const event of ["numbers", "kept", "plot", "angles"]) store.on(event, able);
   byId("actions").prepend(...steps.map(([node]) => node));
   byId("actions").append(button("◐", () => flip(), { title: "Light or dark (t)", "aria-label": "Light or dark" }),
     button("?", () => showHelp(), { title: "Keyboard shortcuts (?)", "aria-label": "Keyboard shortcuts" }));
@@ -41,7 +41,7 @@ export function shortcuts(store, parts) {
     ["c", "copy as NumPy array", () => parts.matrix.copyNumpy()],
     ["i", "full analysis", () => showReport(store)],
     ["p", "play or pause", () => parts.strip.toggle()],
-    ["v", "play or pause a mode", () => parts.modes.toggle()],
+    ["v", "show it move: under the load, or in a mode", () => parts.give.toggle()],
     ["d", "degrees or radians", () => parts.pose.flipAngle()],
     ["t", "light or dark", () => flip()],
   ];

@@ -49,7 +49,9 @@ export function legendOf(facts) {
       `length = ${longer} log10(1 + ${kind} / ${engineering(zero, unit, 3)})`);
   }
   if (facts.rest) {
-    say("deflection", `grey: without the load; the way between is drawn ${short(facts.rest.enlarged, 3)} times as far`);
+    say("deflection", facts.rest.mode === null
+      ? `grey: without the load; the way between is drawn ${short(facts.rest.enlarged, 3)} times as far`
+      : `grey: one end of the swing of mode ${facts.rest.mode}; its size is drawn, not computed`);
   }
   if (tension?.limits?.[1]) {
     const [low, high] = tension.limits.map((x) => short(x, 3));

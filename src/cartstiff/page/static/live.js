@@ -1,7 +1,6 @@
 // Answers from a server over a websocket, with reconnection.
 
 import { el, loaded } from "./dom.js";
-import { Drawing } from "./drawing.js";
 import { ComputingSource } from "./offline.js";
 
 // Close code of a tab that is one too many.
@@ -38,7 +37,7 @@ export class LiveSource {
     this.early = []; // what happened before there was a page to show it
   }
 
-  /** Have the arithmetic brought: it answers between the server's answers, and without a server. */
+  /** Have the arithmetic brought: it answers when the server has gone. */
   async bring(store) {
     const { frame } = store.hello.mechanism;
     const data = await store.ask({ do: "program" });
@@ -49,29 +48,8 @@ export class LiveSource {
     const local = new ComputingSource(data, data.packed);
     local.cannot = "the server does not answer, and the browser cannot do that";
     local.onanswer = (...answer) => this.onanswer(...answer);
-    this.passing = new Drawing(local.program, data.assets, data.scene);
     this.local = local;
     store.tell("local", local);
-  }
-
-  /** Show what is wanted while the server is still busy with an older question: places, not parts. */
-  between(store) {
-    if (!this.local || this.alone || this.waits) return;
-    this.waits = true;
-    requestAnimationFrame(() => {
-      this.waits = false;
-      if (store.busy === null || !store.wanted || !this.local) return;
-      const state = structuredClone(store.state);
-      let found;
-      try {
-        const m = this.local.program.solve(state);
-        const numbers = this.local.program.numbers(state, m);
-        found = [numbers, this.passing.draw(m, state, numbers).commands];
-      } catch {
-        return; // the server says what there is to say
-      }
-      store.pass(state, found[0], found[1].filter(({ type }) => type === "set_transform"));
-    });
   }
 
   /** The server has gone: the page goes on by itself, if it can. */

@@ -34,7 +34,7 @@ function build(source) {
   controls(store);
   const pose = posePanel(store);
   pictureControls(store);
-  deflectionPanel(store);
+  const give = deflectionPanel(store);
   enoughCard(store);
   whichCard(store);
   whatIfCard(store);
@@ -42,12 +42,12 @@ function build(source) {
   numbersPanel(store);
   const matrix = matrixPanel(store);
   notesCard(store);
-  const modes = modesPanel(store);
+  modesPanel(store);
   legendBox(store);
   const held = hands(store);
   picking(store);
   sharing(store);
-  const parts = { pose, matrix, modes, hands: held };
+  const parts = { pose, matrix, give, hands: held };
   shortcuts(store, parts);
   parts.strip = strip(store);
   banners(store, source);

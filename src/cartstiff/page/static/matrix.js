@@ -1,7 +1,6 @@
 // The 6x6 matrix as a heat map with units, and the choice of connection.
 
 import { sureOfInverse } from "./algebra.js";
-import { differences } from "./principal.js";
 import { all, button, byId, choice, copy, dropdown, el, inSize, short, stateChoice, sure } from "./dom.js";
 import { ROUNDOFF, UNCOUPLED } from "./numerics.js";
 import { safeCell } from "./plotfiles.js";
@@ -34,7 +33,6 @@ export function matrixPanel(store) {
   let view = "whole";
   let other = "B";
   let shown = null;
-  let [now, before] = [null, null]; // the connection that is shown, and the one before it
   const title = el("h2", { id: "matrix-title" });
   const place = el("span", { class: "dim small place" });
   const [views, chooseView] = choice("Part of the matrix", VIEWS, (value) => {
@@ -57,12 +55,7 @@ export function matrixPanel(store) {
     el("tbody", {}, ...cells.flatMap((line, i) =>
       [...(i % 3 ? [] : [row(el("td"), ...units[i / 3].map((unit) => [unit]))]), row(rowHeads[i], ...halves(line))])));
   const readout = el("div", { class: "readout", role: "status" });
-  const lengths = dropdown("Unit of translations", [], (unit) => {
-    store.remember("units");
-    store.readIn(unit);
-  }, { class: "units", title: "Unit in which translations are read" });
   const absent = el("p", { class: "absent-words", hidden: true });
-  const differs = el("p", { class: "differs small", role: "status" });
   const parts = el("div", { class: "row parts" }, views, select);
   const [meaning, badge] = [el("p", { class: "meaning" }), el("span", { class: "badge" })];
   const connections = stateChoice(store, "connection", "Connection", NAMES.map((name) => [name, name]));
@@ -74,10 +67,10 @@ export function matrixPanel(store) {
   const fold = el("details", { class: "parts-fold" }, el("summary", {}, "Parts and transpose"), parts);
   byId("right").append(el("details", { class: "card matrix-card" }, el("summary", {}, title, place, badge), choices,
     table, absent,
-    el("div", { class: "row" }, readout, lengths,
+    el("div", { class: "row" }, readout,
       button("NumPy", () => copyNumpy(), { class: "quiet", title: "Copy as NumPy array (c)" }),
       button("CSV", () => copyCsv(), { class: "quiet", title: "Copy as CSV" })),
-    differs, meaning, fold));
+    meaning, fold));
   chooseView(view);
 
   let read = null;
@@ -122,12 +115,9 @@ export function matrixPanel(store) {
     return error > ROUNDOFF ? `ill-conditioned: known to ${short(error, 2)} of its largest entry` : "";
   }
 
-  /** A matrix in the units in which it is read. */
-  const scaled = (M) => M && M.map((row, i) => row.map((x, j) => (i > 2 && j > 2 ? store.read(x) : x)));
-
   function chosen() {
     const { connection } = store.shown;
-    const M = scaled(store.matrix(connection));
+    const M = store.matrix(connection);
     if (!M) return null;
     const map = (f) => M.map((row, i) => row.map((x, j) => f(x, i, j)));
     if (view === "symmetric") return map((x, i, j) => (x + M[j][i]) / 2);
@@ -135,8 +125,7 @@ export function matrixPanel(store) {
     if (view === "difference") {
       const row = store.rows.find(({ own, title }) => own && title === other);
       const N = row ? row.comparable && store.matrix(connection, row.numbers) : store.matrix(other);
-      const other6 = scaled(N);
-      return other6 && map((x, i, j) => x - other6[i][j]);
+      return N && map((x, i, j) => x - N[i][j]);
     }
     return M;
   }
@@ -164,8 +153,8 @@ export function matrixPanel(store) {
     columnHeads.forEach((head, j) => { head.textContent = (stiff ? MOTION : WRENCH)[j]; });
     shown = chosen();
     const names = store.blockUnits();
-    // The unit of a block is of the size of its largest entry, unless another was chosen.
-    const sizes = names.map((pair, a) => pair.map((name, b) => (store.fine || !shown ? [1, name]
+    // The unit of a block is of the size of its largest entry.
+    const sizes = names.map((pair, a) => pair.map((name, b) => (!shown ? [1, name]
       : inSize(Math.max(...shown.slice(3 * a, 3 * a + 3).flatMap((row) => row.slice(3 * b, 3 * b + 3)).map(Math.abs)),
         name))));
     units.forEach((pair, a) => pair.forEach((cell, b) => { cell.textContent = sizes[a][b][1]; }));
@@ -182,26 +171,8 @@ export function matrixPanel(store) {
     [badge.textContent, badge.dataset.level] = apart === null ? ["no matrix", "none"] : apart === 0
       ? ["✓ symmetric", "good"] : ["≠ asymmetric", "warning"];
     badge.title = apart ? `largest entry of its difference from the transpose: ${short(apart)}` : "";
-    const unsplit = scaled(store.matrix(connection));
-    paint(cells, shown, unsplit, sizes);
-    mark(unsplit);
+    paint(cells, shown, store.matrix(connection), sizes);
     showReadout();
-  }
-
-  /** Mark the cells in which this connection differs from the one that was shown before it, and say so. */
-  function mark(matrix) {
-    const { connection } = store.shown;
-    if (now !== connection) [before, now] = [now, connection];
-    const old = before && scaled(store.matrix(before));
-    const found = differences({ matrix, old });
-    const count = found.length;
-    for (const cell of cells.flat()) cell.classList.remove("differs-here");
-    for (const { i, j } of found) cells[i][j].classList.add("differs-here");
-    const name = symbol(store.shown, before ?? "");
-    differs.textContent = !matrix || !old ? "" : count
-      ? `Dotted: ${count} of 36 entries differ from ${name}, shown before`
-      : `No difference from ${name}, shown before${store.numbers.result.wrench?.some((x) => x) ? ""
-        : ": there is no load"}`;
   }
 
   /** The matrix with all its digits, in the file's units. */
@@ -222,16 +193,10 @@ export function matrixPanel(store) {
       all(`.matrix-card [data-value="${CSS.escape(name)}"]`)[0].title = `K${sup(name)}, ${words}: `
         + `${more}`;
     }
-    lengths.offer(store.lengths.map((unit) => [unit, unit === store.unit("length") ? "by size" : unit]));
-    lengths.value = store.fine ?? store.unit("length");
   });
   store.on("state", () => {
     const words = store.hello.mechanism.connections.find(({ name }) => name === store.state.connection);
     meaning.replaceChildren(el("b", {}, words.title), ` ${words.meaning}`);
-  });
-  store.on("units", () => {
-    lengths.value = store.fine ?? store.unit("length");
-    update();
   });
   store.on("numbers", update);
   store.on("rows", update);

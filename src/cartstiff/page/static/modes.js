@@ -1,59 +1,28 @@
-// Modes in a table, played in the picture, and the response of the body over frequency.
+// Modes in a table, and the response of the body over frequency.
 
-import { LOST, SUPERSEDED, button, byId, dropdown, el, engineering, hint, inSize, radio, short, toast } from "./dom.js";
+import { LOST, byId, el, engineering, hint, inSize, radio, short, toast } from "./dom.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
-import { showPlaying, ticking } from "./player.js";
 import { Plot } from "./plot.js";
 import { mechanicsOf } from "./store.js";
 import { MARGIN } from "./strip.js";
 
-const SHARES = [[0.02, "2 %"], [0.05, "5 %"], [0.1, "10 %"], [0.2, "20 %"]];
-// Seconds of one swing on the screen, whatever its frequency.
-const PERIOD = 1.6;
 // What of a mode's energy is less is not named.
 const SMALL = 0.1;
 
 export function modesPanel(store) {
-  const still = matchMedia("(prefers-reduced-motion: reduce)");
-  let share = 0.05;
-  let frames = null; // commands of each picture; the last brings the rest back
-  let asked = 0;
-  let key = null;
-  let halt = null; // of a swing that runs; one that is to play may wait for its frames
-  let phase = 0.5; // 0 and 1 are the ends of the swing
-  const shown = { picture: null, playing: false };
-
   const note = el("span", { class: "dim small" });
   const rows = el("div", { class: "modes", role: "radiogroup", "aria-label": "Modes" });
   const words = hint();
-  const size = dropdown("Size of the swing", SHARES, (value) => {
-    share = Number(value);
-    fetchSwing();
-  }, { title: "How far what moves most goes, as a share of the mechanism's size" });
-  size.value = share;
-  const play = button("▶", () => toggle(), { class: "play", title: "Play or pause the mode (v)",
-    "aria-label": "Play the mode" });
-  const slider = el("input", { type: "range", min: 0, max: 1, step: 1 / 16, value: 0.5,
-    "aria-label": "Phase of the swing",
-    oninput: () => { stop(); show(slider.valueAsNumber); } });
-  const controls = el("div", { class: "row" }, play, slider, size);
   const card = el("details", { class: "card modes-card", ontoggle: () => {
     const wanted = card.open ? (store.state.mode ?? 1) : null;
     if (store.state && store.state.mode !== wanted && (store.source.live || card.open)) choose(wanted);
     response(card.open);
-  } }, el("summary", {}, el("h2", {}, "Vibration"), note), rows, controls, words);
+  } }, el("summary", {}, el("h2", {}, "Vibration"), note), rows, words);
   byId("right").append(card);
 
   const response = responseStrip(store);
 
-  function choose(mode) {
-    stop();
-    rest();
-    frames = key = null;
-    store.change({ mode });
-  }
-
-  // -- the table ----------------------------------------------------------------------------
+  const choose = (mode) => store.change({ mode });
 
   function update() {
     const { modes, result } = store.numbers;
@@ -63,7 +32,6 @@ export function modesPanel(store) {
     note.textContent = "";
     card.hidden = !store.source.live && (!modes || Boolean(modes.missing));
     if (!modes) return;
-    controls.hidden = Boolean(modes.missing) || !store.source.live;
     if (modes.missing) {
       rows.replaceChildren();
       words.textContent = modes.missing;
@@ -79,8 +47,8 @@ export function modesPanel(store) {
     const notes = modes.notes.filter(({ code }) => ["unstable", "free-motion", "repeated-modes", "massless-struts",
       "implausible-mass"].includes(code));
     words.textContent = [
-      `Small undamped motions, ${load}. A mode has no size of its own: the swing is drawn, not computed.`,
-      store.source.live ? "" : "An exported page holds the table; `cartstiff view` plays modes and draws the response.",
+      `Small undamped motions, ${load}. A mode has no size of its own: that of its swing (v) is drawn, not computed.`,
+      store.source.live ? "" : "An exported page holds the table; `cartstiff view` shows modes and draws the response.",
       ...notes.map(({ message }) => message),
     ].filter(Boolean).join(" ");
   }
@@ -101,102 +69,8 @@ export function modesPanel(store) {
     return node;
   }
 
-  // -- the swing ----------------------------------------------------------------------------
-
-  const wanted = () => JSON.stringify([store.numbers?.result.q ?? store.state.q, store.state.mode, share,
-    mechanicsOf(store.state)]);
-
-  async function fetchSwing() {
-    const { mode } = store.state;
-    if (mode === null || !store.source.live || store.numbers?.modes?.missing) return;
-    const now = wanted();
-    if (key === now && frames) return;
-    const mine = ++asked;
-    try {
-      const answer = await store.ask({ do: "swing", share });
-      if (mine !== asked) return;
-      let start = 0;
-      frames = answer.counts.map((count) => answer.packed.slice(start, start += count));
-      key = now;
-      const turn = short((answer.turn * 180) / Math.PI, 2);
-      size.title = `drawn: M goes ${short(answer.displacement,
-        2)} ${store.unit("length")} and turns ${turn}° to either side`;
-      if (!shown.playing) show(phase);
-      else if (!halt) run();
-    } catch (error) {
-      if (mine === asked && ![LOST, SUPERSEDED].includes(error.message)) words.textContent = error.message;
-    }
-  }
-
-  /** Show the picture at a phase between 0 and 1. */
-  function show(at) {
-    phase = at;
-    if (document.activeElement !== slider) slider.value = at;
-    if (!frames) return void fetchSwing();
-    const index = Math.round(at * (frames.length - 2));
-    if (shown.picture === index) return;
-    shown.picture = index;
-    store.pane.apply(frames[index], () => {});
-  }
-
-  /** The mechanism as it stands. */
-  function rest() {
-    phase = 0.5;
-    slider.value = 0.5;
-    if (frames && shown.picture !== null) store.pane.apply(frames.at(-1), () => {});
-    shown.picture = null;
-  }
-
-  function toggle() {
-    if (shown.playing) return stop();
-    if (!card.open) {
-      card.open = true;
-      return;
-    }
-    if (still.matches) return show(phase === 1 ? 0 : 1); // one end, then the other: nothing runs
-    shown.playing = true;
-    showPlaying(play, true, " the mode");
-    if (frames && key === wanted()) run();
-    else fetchSwing();
-  }
-
-  function run() {
-    const from = Math.asin(2 * phase - 1);
-    halt = ticking((now) => show(0.5 + 0.5 * Math.sin(from + (2 * Math.PI * now) / PERIOD)));
-  }
-
-  function pause() {
-    halt?.();
-    halt = null;
-  }
-
-  function stop() {
-    pause();
-    shown.playing = false;
-    showPlaying(play, false, " the mode");
-  }
-
-  store.beforePicture = () => {
-    // A new picture says what has changed since the rest.
-    if (frames && shown.picture !== null) store.pane.apply(frames.at(-1));
-    shown.picture = null;
-  };
-  store.on("hello", () => {
-    stop();
-    frames = key = shown.picture = null;
-    card.open = store.state.mode !== null && store.state.mode !== undefined;
-  });
-  store.on("numbers", () => {
-    update();
-    if (store.state.mode === null) return stop();
-    if (key === wanted()) return;
-    frames = null;
-    pause();
-    if (shown.playing) fetchSwing();
-    else [key, phase, slider.value] = [null, 0.5, 0.5];
-  });
-  store.swing = shown;
-  return { toggle };
+  store.on("hello", () => { card.open = store.state.mode !== null && store.state.mode !== undefined; });
+  store.on("numbers", update);
 }
 
 /** The second strip: size of the receptance at the reference point. */

@@ -6,7 +6,7 @@ import { button, byId, chop, clamp, el, engineering, heading, inSize, plainly, s
 import { symbol } from "./matrix.js";
 import { NEAR_SINGULARITY, PRINTED_AS_ZERO, RANK } from "./numerics.js";
 
-const KINDS = { serial: "singularity", "type-2": "singularity of the drives" };
+const KINDS = { serial: "Distance to a singularity", "type-2": "Distance to a singularity of the drives" };
 const ICONS = { good: "✓", warning: "!", bad: "✕", none: "…" };
 
 export function verdictLine(store) {
@@ -54,12 +54,12 @@ export function numbersPanel(store) {
     button("Full analysis", () => showReport(store), { class: "quiet", title: "Everything that the matrix says (i)" })),
       table, facts, meters));
 
-  /** Principal values of a freedom, in a unit of their size unless one was chosen. */
+  /** Principal values of a freedom, in a unit of their size. */
   function row(kind, mark, unit, others) {
     const found = store.numbers.principal?.[kind];
-    const values = found ? found.values.map((x) => (kind === "translation" ? store.read(x) : x)) : [null, null, null];
+    const values = found ? found.values : [null, null, null];
     const size = Math.max(...values.map(Math.abs));
-    const [factor, read] = !store.fine || kind === "rotation" ? inSize(store.sizes[kind] ?? 0, unit) : [1, unit];
+    const [factor, read] = inSize(store.sizes[kind] ?? 0, unit);
     const cell = (x, i) => {
       const title = `${sure(x, size)} ${unit}\nalong ${tuple(found.axes[i])}${x < 0 ? "\nNEGATIVE: pushes away" : ""}`;
       return el("td", { class: `num${x < -PRINTED_AS_ZERO * size ? " negative" : ""}`, title },
@@ -91,16 +91,16 @@ export function numbersPanel(store) {
       ...fact("Condition number", !indices ? "–" : indices.condition_number === null ? "∞ (singular)"
         : `${short(indices.condition_number)} at length ${engineering(indices.length, length)}`,
       indices ? `Angles are multiplied by a length: ${indices.length_reason}. Smallest eigenvalue over largest: `
-        + `${indices.eigenvalues.map((x) => short(x)).join(", ")}` : ""),
-      ...(indices ? fact("… of translation, rotation held", short(indices.translational_condition)) : []),
-      ...(indices ? fact("… of rotation, translation held", short(indices.rotational_condition)) : []),
+        + `${indices.eigenvalues.map((x) => short(x)).join(", ")}. Of translation, rotation held `
+        + `${short(indices.translational_condition)}; of rotation, translation held `
+        + `${short(indices.rotational_condition)}` : ""),
       ...fact("Position", together(chop(numbers.position, numbers.singularity[0]?.length), length),
         `roll, pitch, yaw ${angles(numbers.result.pose).map((a) => short((a * 180) / Math.PI)).join(", ")}°`));
     meters.replaceChildren(...numbers.singularity.map(meter));
   }
 
   function meter({ kind, ratio, smallest, largest, length }) {
-    const words = `Distance to a ${KINDS[kind]}`;
+    const words = KINDS[kind];
     const share = ratio > 0 ? clamp(1 + Math.log10(ratio) / 4, 0, 1) : 0; // logarithmic from 0.0001 to 1
     return el("div", { class: "singular", "data-level": ratio < RANK ? "bad" : ratio < NEAR_SINGULARITY ? "warning"
       : "good",
@@ -114,7 +114,6 @@ export function numbersPanel(store) {
   }
 
   store.on("numbers", update);
-  store.on("units", update);
 }
 
 export function notesCard(store) {

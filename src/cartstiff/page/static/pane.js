@@ -154,12 +154,6 @@ export class Pane {
     this.waiting = performance.now() + PATIENCE;
   }
 
-  /** Move parts that there are. */
-  move(commands) {
-    for (const command of commands) if (this.part(...namesOf(command.path))) this.viewer.handle_command(command);
-    this.viewer.set_dirty();
-  }
-
   /** What is drawn below some names, if there is such a part. */
   part(...names) {
     return names.reduce((node, name) => node?.children[name], this.viewer.scene_tree)?.object;

@@ -173,7 +173,7 @@ export function words(store, what) {
     const values = what.kind === "axis" ? [found.values[what.index]] : found.values;
     const along = what.kind === "axis" ? ` along ${tuple(found.axes[what.index])}` : "";
     return `${what.freedom}, ${store.shown.quantity}: ${values.map((x) =>
-      short(what.freedom === "translation" ? store.read(x) : x, 5)).join(", ")} ${unit}${along}`;
+      short(x, 5)).join(", ")} ${unit}${along}`;
   }
   if (what.kind === "joint") {
     const { name } = mechanism.coordinates[what.index];

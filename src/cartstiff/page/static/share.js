@@ -2,59 +2,45 @@
 
 import { button, byId, copy, download, toast } from "./dom.js";
 import { pictureFile } from "./legend.js";
-import { FIELDS } from "./messages.js";
 
 // What stands for the stiffness of a rigid joint, which is null.
 const RIGID = "rigid";
-const flag = (text) => text === "true";
-const oneOf = (key) => (text) => (FIELDS.ViewState[key].includes(text) ? text : undefined);
-/** Numbers of a text, if they are so many (of the first state); some may be rigid. */
-const numbers = (count, isRigid = false) => (text, first) => {
-  const found = text.split(",").map((x) => (isRigid && x === RIGID ? null : Number(x)));
-  const fits = found.length === (count?.(first) ?? found.length);
-  return fits && found.every((x) => x === null || Number.isFinite(x)) ? found : undefined;
-};
-const three = numbers(() => 3);
 // What is null in a state: springs as in the file, a load that they exert.
 const NOT_GIVEN = "none";
 // Where the address is in a file.
 const ADDRESS = '<meta name="address" content="">';
-const orNone = (form) => (text, first) => (text === NOT_GIVEN ? null : form(text, first));
-// Of the state, what an address holds, and how it is read; undefined for what cannot be.
-const FORMS = {
-  q: numbers(({ q }) => q.length), connection: oneOf("connection"), quantity: oneOf("quantity"),
-  others: oneOf("others"), axes: oneOf("axes"), point: three,
-  stiffness: orNone(numbers(null, true)), load: orNone(numbers(() => 6)),
-  allowed: orNone((text) => (Number(text) > 0 ? Number(text) : undefined)),
-  load_axes: oneOf("load_axes"), load_kind: oneOf("load_kind"), load_at: orNone(three),
-  gravity: orNone(three), payload: orNone(numbers(() => 4)), command: orNone(numbers(null)), scale: oneOf("scale"),
-  translation: flag, rotation: flag, labels: flag, wrench: flag, deflection: flag, centres: flag,
-  quantity_of_map: (text, first) => (first.quantity_of_map === null ? undefined : text),
-  mode: (text) => (/^[1-9]\d?$/.test(text) ? Number(text) : undefined),
-};
 const FIXED = new Set(["gravity", "payload", "command"]);
 // Of the plot: names in an address, and in `store.plot`.
 const PLOT = [["plot", "of"], ["along", "along"], ["and", "and"], ["values", "values"], ["seen", "seen"]];
 
-/** What of a state differs from the first one. */
-function differing(state, first) {
+/** What of a state differs from the first one, as an address writes it. */
+function differing(state, { forms, state: first }) {
   const parts = new URLSearchParams();
-  for (const key of Object.keys(FORMS)) {
+  for (const key of Object.keys(forms)) {
     const value = state[key];
     if (value === undefined || JSON.stringify(value) === JSON.stringify(first[key])) continue;
-    if (value !== null) parts.set(key, Array.isArray(value) ? value.map((x) => x ?? RIGID).join(",") : String(value));
-    else if (FORMS[key](NOT_GIVEN, first) === null) parts.set(key, NOT_GIVEN);
+    parts.set(key, Array.isArray(value) ? value.map((x) => x ?? RIGID).join(",") : String(value ?? NOT_GIVEN));
   }
   return parts;
 }
 
+/** A value of the state, in the form that the server reads; undefined for what cannot be. */
+function valueOf(key, text, { forms, state: first }) {
+  const { words, count, optional } = forms[key] ?? {};
+  if (words) return !words.includes(text) ? undefined : typeof first[key] === "boolean" ? text === "true" : text;
+  if (text === NOT_GIVEN) return optional ? null : undefined;
+  const found = text.split(",").map((x) => (key === "stiffness" && x === RIGID ? null : Number(x)));
+  if (!found.every((x) => x === null || Number.isFinite(x))) return undefined;
+  if (count === 1) return found[0] > 0 ? found[0] : undefined;
+  return found.length === (count ?? found.length) ? found : undefined;
+}
+
 /** Everything that is shown, as the part of an address after #. */
 export function toHash(store) {
-  const parts = differing(store.state, store.hello.state);
-  for (const { number, state } of store.kept) parts.set(`kept${number}`, String(differing(state, store.hello.state)));
+  const parts = differing(store.state, store.hello);
+  for (const { number, state } of store.kept) parts.set(`kept${number}`, String(differing(state, store.hello)));
   const { frame } = store.hello.mechanism;
   if (frame !== store.firstFrame) parts.set("frame", frame);
-  if (store.fine) parts.set("lengths", store.fine);
   if (store.angle !== "deg") parts.set("angles", store.angle);
   if (String(store.pane.view) !== store.pane.first) parts.set("camera", String(store.pane.view));
   for (const [key, name] of PLOT) if (store.plot
@@ -67,13 +53,10 @@ export function toHash(store) {
 }
 
 /** The wishes that an address holds; what cannot be read is left out. */
-export function fromHash(hash, first) {
-  const found = {};
-  for (const [key, text] of new URLSearchParams(hash.replace(/^#/, ""))) {
-    const value = Object.hasOwn(FORMS, key) ? FORMS[key](text, first) : undefined;
-    if (value !== undefined) found[key] = value;
-  }
-  return found;
+function fromHash(hash, hello) {
+  const wishes = [...new URLSearchParams(hash.replace(/^#/, ""))].filter(([key]) => Object.hasOwn(hello.forms, key))
+    .map(([key, text]) => [key, valueOf(key, text, hello)]);
+  return Object.fromEntries(wishes.filter(([, value]) => value !== undefined));
 }
 
 /** Name and fingerprint of the mechanism that an address is of; null if it names none. */
@@ -89,9 +72,9 @@ function stepTo(store, hash) {
   const asked = new URLSearchParams(hash.slice(1));
   const { live, shows } = store.source;
   const read = (text) => {
-    const found = fromHash(text, first);
+    const found = fromHash(text, store.hello);
     // A file weighs what it weighed when it was made, and draws some parts only.
-    for (const key of Object.keys(found)) if (!live && (FIXED.has(key) || FORMS[key] === flag
+    for (const key of Object.keys(found)) if (!live && (FIXED.has(key) || typeof first[key] === "boolean"
       && !shows.includes(key))) delete found[key];
     return { ...structuredClone(first), ...found };
   };
@@ -99,14 +82,14 @@ function stepTo(store, hash) {
   const kept = [...asked].filter(([key]) => /^kept[1-3]$/.test(key))
     .map(([key, text]) => ({ number: Number(key[4]), state: read(text) }));
   // Another posture under the same load, without a state of its own.
-  const { q: ghost } = fromHash(`q=${asked.get("ghost") ?? first.ghost ?? ""}`, first);
+  const { q: ghost } = fromHash(`q=${asked.get("ghost") ?? first.ghost ?? ""}`, store.hello);
   if (!kept.length && ghost) kept.push({ number: 1, state: { ...structuredClone(state), q: ghost } });
   state.ghost = kept[0]?.state.q ?? null;
   /** @type {Record<string, any>} */
   const plot = Object.fromEntries(PLOT.filter(([key]) => asked.has(key)).map(([key, name]) => [name, asked.get(key)]));
   const seen = (plot.seen ?? "").split(",").map(Number);
   plot.seen = [2, 4].includes(seen.length) && seen.every(Number.isFinite) ? seen : null;
-  return { state, kept, plot, fine: asked.get("lengths"), angle: asked.get("angles") === "rad" ? "rad" : "deg",
+  return { state, kept, plot, angle: asked.get("angles") === "rad" ? "rad" : "deg",
     frame: (live && asked.get("frame")) || store.firstFrame };
 }
 
@@ -219,7 +202,7 @@ export function sharing(store) {
     }, 500);
   };
   store.on("numbers", settle);
-  for (const event of ["units", "plot", "kept", "angles"]) store.on(event, () => store.numbers && settle());
+  for (const event of ["plot", "kept", "angles"]) store.on(event, () => store.numbers && settle());
   window.addEventListener("hashchange", () => {
     store.remember("address");
     follow(location.hash);

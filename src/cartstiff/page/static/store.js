@@ -5,7 +5,6 @@
 import { cross, rotation, times } from "./algebra.js";
 import { LOST, SUPERSEDED, chop, short } from "./dom.js";
 import { legendOf } from "./legend.js";
-import { FIELDS, MESSAGES, NEEDED } from "./messages.js";
 
 // Time (ms) after which what is shown is said to be of another posture.
 const LATE = 700;
@@ -13,7 +12,7 @@ const LATE = 700;
 const MOST_PAST = 200;
 const TOGETHER = 800;
 
-/** Tells of: hello, state, numbers, kept, error, late, refused, units, angles, rows, local, plot, replot. */
+/** Tells of: hello, state, numbers, kept, error, late, refused, angles, rows, local, plot, replot. */
 export class Store extends EventTarget {
   constructor(source, pane = null, quiet = false) {
     super();
@@ -30,7 +29,6 @@ export class Store extends EventTarget {
     this.legend = null;
     this.angle = "deg";
     this.error = null;
-    this.fine = null; // the unit of length in which translations are read, if not the file's
     this.busy = null;
     this.wanted = false;
     this.number = 1;
@@ -40,7 +38,7 @@ export class Store extends EventTarget {
     this.future = [];
     this.lastTime = 0; // of a step
     this.plot = null; // what the plot shows
-    this.beforePicture = null; // called before a picture changes
+    this.isPlaying = false; // whether the picture moves by itself
     source.onanswer = (data, commands) => this.receive(data, commands);
     source.onlost = () => this.lost();
     source.onalone = () => this.alone();
@@ -69,8 +67,8 @@ export class Store extends EventTarget {
   }
 
   step() {
-    const { kept, fine, angle, plot, hello: { mechanism: { frame } } } = this;
-    return { state: structuredClone(this.state), kept, fine, angle, plot: { ...plot }, frame };
+    const { kept, angle, plot, hello: { mechanism: { frame } } } = this;
+    return { state: structuredClone(this.state), kept, angle, plot: { ...plot }, frame };
   }
 
   undo() {
@@ -95,14 +93,13 @@ export class Store extends EventTarget {
   }
 
   /** Show everything as a step, or an address, has it. */
-  async restore({ state, kept, fine, angle, plot, frame }) {
+  async restore({ state, kept, angle, plot, frame }) {
     if (frame !== this.hello.mechanism.frame) await this.ask({ do: "frame", name: frame });
     this.kept = kept;
     const wishes = { ...state, theme: this.state.theme, moved: null };
     if (this.sent) this.apply(wishes);
     else Object.assign(this.state, wishes); // the first picture is asked for once all is known
     this.tell("kept", kept);
-    this.readIn(fine);
     this.travelling = true;
     this.tell("angles", angle);
     this.wishedPlot = plot;
@@ -168,13 +165,13 @@ export class Store extends EventTarget {
   draw() {
     if (this.busy !== null) {
       this.wanted = true;
-      if (!this.towards) this.source.between?.(this);
       return;
     }
     this.wanted = false;
     const { towards } = this;
-    const question = formed({ do: "draw", id: this.number, state: structuredClone(this.state),
-      ...(towards?.lengths ? towards : towards ? { towards } : {}) });
+    /** @type {Messages.Message} */
+    const question = { do: "draw", id: this.number, state: structuredClone(this.state),
+      ...(towards?.lengths ? towards : towards ? { towards } : {}) };
     this.busy = this.number++;
     this.sent = question.state;
     this.towards = null;
@@ -183,10 +180,15 @@ export class Store extends EventTarget {
     this.source.ask(question);
   }
 
-  /** Ask something else; resolves with the answer, rejects with the reason in words. */
+  /**
+   * Ask something else; resolves with the answer, rejects with the reason in words.
+   *
+   * @param {Messages.Question} message
+   * @returns {Promise<any>}
+   */
   ask(message) {
     return new Promise((resolve, reject) => {
-      const question = formed({ id: this.number++, state: this.state, ...message });
+      const question = { id: this.number++, state: this.state, ...message };
       this.waiting.set(question.id, { resolve, reject });
       this.source.ask(question);
     });
@@ -214,7 +216,7 @@ export class Store extends EventTarget {
     const waiting = this.waiting.get(data.id);
     if (waiting) {
       this.waiting.delete(data.id);
-      if (data.do === "swing" || data.do === "program") data.packed = commands; // not to be shown at once
+      if (data.do === "program") data.packed = commands; // not to be shown at once
       else if (commands.length) this.pane.apply(commands);
       if (data.error) waiting.reject(new Error(data.error));
       else waiting.resolve(data);
@@ -279,7 +281,6 @@ export class Store extends EventTarget {
     }
     this.tell("numbers", data);
     this.say("table", data.id);
-    this.beforePicture?.();
     this.pane.apply(commands, () => this.say("rendered", data.id));
   }
 
@@ -300,17 +301,6 @@ export class Store extends EventTarget {
     if (this.refused === reason) return;
     this.refused = reason;
     this.tell("refused", reason);
-  }
-
-  /** Numbers and places of a state that pass: the server's answer follows. */
-  pass(state, numbers, commands) {
-    const { modes, weighed } = this.numbers;
-    this.numbers = { ...numbers, modes, weighed };
-    this.shown = structuredClone(state);
-    this.refuse(null);
-    this.inTime();
-    this.tell("numbers", { numbers: this.numbers, legend: this.legend, followed: null, passing: true });
-    this.pane.move(commands);
   }
 
   /** The server has gone, and the page answers: everything is drawn anew from what it has. */
@@ -396,55 +386,12 @@ export class Store extends EventTarget {
       rotation: least("rotation") };
   }
 
-  /** Units of the four blocks [[rr, rt], [tr, tt]] as they are read; `read` gives the last one's numbers. */
+  /** Units of the four blocks [[rr, rt], [tr, tt]]. */
   blockUnits(quantity = this.shown.quantity) {
     const [l, f, m] = ["length", "force", "moment"].map((kind) => this.unit(kind));
-    const fine = this.fine ?? l;
-    return quantity === "stiffness"
-      ? [[`${m}/rad`, f], [`${f}/rad`, `${f}/${fine}`]]
-      : [[`rad/(${m})`, `rad/${f}`], [`${l}/(${m})`, `${fine}/${f}`]];
+    return quantity === "stiffness" ? [[`${m}/rad`, f], [`${f}/rad`, `${f}/${l}`]]
+      : [[`rad/(${m})`, `rad/${f}`], [`${l}/(${m})`, `${l}/${f}`]];
   }
-
-  /** Units of length in which translations may be read; none where the file's is no metre. */
-  get lengths() {
-    const own = this.unit("length");
-    return own in METRES ? [...new Set([own, "m", "mm", "µm"])] : [own];
-  }
-
-  /** A translational stiffness or compliance of the answer as it is read. */
-  read(x, quantity = this.shown.quantity) {
-    if (x === null || !this.fine) return x;
-    const times = 10 ** (METRES[this.unit("length")] - METRES[this.fine]);
-    return quantity === "stiffness" ? x / times : x * times;
-  }
-
-  /** Read translations in a unit of length. */
-  readIn(unit) {
-    this.fine = this.lengths.includes(unit) && unit !== this.unit("length") ? unit : null;
-    this.tell("units", this.fine);
-  }
-}
-
-/** A message, if the server reads such a one; what its models do not know is refused where it is sent. */
-function formed(message) {
-  const check = (fields, needed, held, place) => {
-    for (const key of needed) if (held[key] === undefined) throw new Error(`message cannot be sent: ${place} `
-      + `has no ${key}`);
-    for (const [key, value] of Object.entries(held)) {
-      const content = fields[key];
-      if (value === undefined) continue;
-      if (content === undefined) throw new Error(`message cannot be sent: ${place} takes no ${key}`);
-      if (Array.isArray(content)
-        && !content.includes(value)) throw new Error(`message cannot be sent: ${place} takes no ${key} ${value}`);
-      if (typeof content !== "string" || !value) continue;
-      const parts = key === "measures" ? Object.values(value) : [value].flat();
-      parts.forEach((one) => check(FIELDS[content], NEEDED[content] ?? [], one, `${place}.${key}`));
-    }
-  };
-  const { do: what } = message;
-  check({ id: null, state: "ViewState", do: Object.keys(MESSAGES), ...MESSAGES[what] },
-    ["id", "do", ...(NEEDED[what] ?? [])], message, what);
-  return message;
 }
 
 /** Another posture moves the drives and leaves the load: the patch of a state that says so.

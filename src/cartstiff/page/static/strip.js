@@ -73,7 +73,7 @@ export function strip(store) {
     { class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed" });
   const save = dropdown("Save the plot", SAVED_AS, () => keep(),
     { class: "save", title: "The plot as a file, with what it shows" });
-  const worst = button("", () => go(worstAt), { class: "quiet worst", hidden: true });
+  const worst = button("", () => go(worstAt), { class: "quiet worst", hidden: true, title: "Go to the worst of all" });
   let worstAt = null; // place of the series
   const cursor = svg("line", { class: "cursor" });
   byId("strip").append(
@@ -363,18 +363,15 @@ export function strip(store) {
   }
 
   /** Flag the worst place of all, and say it. */
-  function flag(x, y, to, { worst: kind, values: valuesOf, unit }) {
-    const isLeast = kind === "least";
-    const at = isLeast || store.plot.of === "condition" ? 0 : -1;
+  function flag(x, y, to, { worst: sign, values: valuesOf, unit }) {
+    const at = sign < 0 || store.plot.of === "condition" ? 0 : -1;
     const values = series.rows.map((row) => valuesOf(row)?.at(at) ?? NaN);
     const found = [...values.keys()].filter((k) => Number.isFinite(values[k]));
-    worstAt = found.reduce((best, k) => (best === null || (values[k] < values[best]) === isLeast && values[k]
-      !== values[best] ? k : best), null);
+    worstAt = found.reduce((best, k) => (best === null || sign * (values[k] - values[best]) > 0 ? k : best), null);
     worst.hidden = worstAt === null;
     if (worstAt === null) return;
     const place = atText(series.at[worstAt]);
     worst.textContent = `▼ worst ${short(values[worstAt], 3)} ${unit === "1" ? "" : `${unit} `}at ${place}`;
-    worst.title = `The ${kind} value of all: go there`;
     const [across, up] = [x.place(series.at[worstAt]), clamp(y.place(to(values[worstAt])), y.end, y.start)];
     if (across >= x.start && across <= x.end && Number.isFinite(up)) plot.add("path",
       { class: "flag", d: `M${across},${up}l-5,-9h10z` });
@@ -441,10 +438,6 @@ export function strip(store) {
   }
   store.on("replot", replot);
   store.on("state", (patch) => { if ("allowed" in patch) draw(); });
-  store.on("units", () => {
-    draw();
-    map.draw();
-  });
   store.on("rows", () => request());
   store.on("refused", () => plot.node.classList.toggle("stale", series !== null && series.key !== key()));
   store.on("numbers", () => {

@@ -157,6 +157,5 @@ export function whichCard(store) {
   }
 
   store.on("numbers", update);
-  store.on("units", update);
   return card;
 }
