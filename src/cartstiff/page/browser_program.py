@@ -107,7 +107,7 @@ def browser_program(
         bending, no_load = None, _left_out(loaded)
     if bending is not None:
         programs["settling"] = program_for(loaded.case, SETTLING)
-        steps["bent"] = _steps(loaded, "bent")
+        steps["bent"] = _steps(loaded, len(elastic.q), "bent")
         no_load = None
     if no_load is None:
         programs["loaded"] = pushed.tape
@@ -118,8 +118,10 @@ def browser_program(
         ways = [replace(free, case=way) for way in free.case.ways]
         # Only with its drives held a chain is led from its reference posture.
         ways[1:] = [replace(way, home=None) for way in ways[1:]]
-        steps |= {f"way{i}": _steps(way, f"way{i}") for i, way in enumerate(ways)}
-        closing = _chain_closure(free.case, [f"way{i}" for i in range(len(ways))])
+        names = [f"way{i}" for i in range(len(ways))]
+        for name, way in zip(names, ways, strict=True):
+            steps[name] = _steps(way, len(elastic.q), name)
+        closing = _chain_closure(free.case, names)
     written = {name: javascript(program) for name, program in programs.items()}
     parts = [f"{name}:{source}" for name, (source, _) in written.items()]
     parts += [f"{name}:{name}_close" for name in steps if name != "bent"]
@@ -187,9 +189,8 @@ def _link_deflection(
     }, None
 
 
-def _steps(chosen: TracedModel, name: str) -> str:
-    """Functions of a source's steps towards a posture, which begin with a name."""
-    n = len(chosen.case.constants.is_length)
+def _steps(chosen: TracedModel, n: int, name: str) -> str:
+    """Functions of a source's steps towards n coordinates, which begin with a name."""
     before = Before.of(chosen, n)
     if name == "bent":  # the wrench may turn with the body: the page takes these steps
         before = before._replace(closing=None, settling=None)

@@ -59,12 +59,11 @@ class PageScene:
                     )
                     step, far = swing_of(swings, state.mode)
                     factor, rest = self._away(result, step, far, 1.0, None)
-        is_moved = moved is not None and moved["resisted"]
-        if rest is None and state.deflection and is_moved:
+        if moved is not None and not moved["resisted"]:
+            moved = None
+        if rest is None and state.deflection and moved is not None:
             factor, rest = self._rest(result, state, moved)
-        quantity = state.drawn or (
-            "compliance" if moved is not None and moved["resisted"] else state.quantity
-        )
+        quantity = state.drawn or (state.quantity if moved is None else "compliance")
         look = _appearance(
             state, nodal, rest=rest, quantity=quantity, said=state.quantity
         )
