@@ -141,6 +141,9 @@ def test_mujoco_has_the_same_torques_and_limits(tmp_path):
     path.write_text(MJCF)
     elastic = arm(path)
     assert elastic.efforts == {"s": (-30.0, 20.0), "e": (-12.0, 6.0)}
+    # What is commanded to a plain motor limits its force, too.
+    path.write_text(MJCF.replace('forcerange="-0.5 0.2"', 'ctrlrange="-0.2 0.1"'))
+    assert arm(path).efforts == {"s": (-20.0, 10.0), "e": (-12.0, 6.0)}
     model = mujoco.MjModel.from_xml_string(MJCF)
     data = mujoco.MjData(model)
     data.qpos[:] = Q

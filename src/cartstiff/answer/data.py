@@ -418,7 +418,8 @@ class Answer:
             doubts=doubts,
             notes=[note for note in every if note not in doubts],
             statements=(*statements, *parts.pop("statements", ())),
-            **{"weight": gravity_loads(elastic)} | parts,
+            weight=parts.pop("weight", None) or gravity_loads(elastic),
+            **parts,
         )
 
     @property

@@ -118,6 +118,7 @@ def answer_at(
         notes,
         verdict=verdict,
         about=() if quickly else [said("mechanism"), *circumstances(result)],
+        weight=result.weighed,
         load=load_of(result),
         displacement=moved,
         shares=shares,

@@ -238,6 +238,12 @@ def cut(part: Part) -> Part:
             words = f"joint {follower!r} mimics {leader!r}, which does not exist: "
             words += "it is taken as a joint of its own"
             notes.append(Note("mimic-ignored", words))
+    if unseen := [n for n in entry.locked if n in keep and n in robot.efforts]:
+        words = (
+            "locked, so that their drives are not compared with their limits: "
+            f"{', '.join(unseen)}; springs with stiffness 'rigid' in place of locks are"
+        )
+        notes.append(Note("locked-drives", words, {"joints": unseen}))
     tree = _tree(part, keep, still, posture)
     if tree.n == 0 and part.kind == "serial":
         raise InputError(

@@ -12,7 +12,7 @@ from pydantic import field_validator, model_validator
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError
+from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.loading.plausible import is_inertia
 from cartstiff.loading.schema import (
     IN_ORDER,
@@ -269,7 +269,9 @@ class LinesLegs(FileModel):
         None,
     )
     limits: Each[Annotated[Two[Positive], IN_ORDER]] | None = keyed(
-        "[shortest, longest], or one pair per leg", None
+        "[shortest, longest], or one pair per leg; or {length: ..., force: ...}, each as "
+        "limits and force",
+        None,
     )
     base_joints: LegJointsModel | None = None
     platform_joints: LegJointsModel | None = None
@@ -283,6 +285,21 @@ class LinesLegs(FileModel):
         None,
     )
     damping: PerLeg = keyed("dampers along the legs, force per velocity (seconds)", 0.0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _bounds(cls, value: dict[str, Any]) -> dict[str, Any]:
+        """Limits by name become those of lengths and of forces."""
+        bounds = value.get("limits") if isinstance(value, dict) else None
+        if not isinstance(bounds, dict):
+            return value
+        if unknown := bounds.keys() - {"length", "force"}:
+            raise UnknownNameError("key of limits", unknown.pop(), ("length", "force"))
+        if "force" in bounds and value.get("force") is not None:
+            raise InputError("give force or limits.force, not both", where="force")
+        rest = {key: x for key, x in value.items() if key != "limits"}
+        own = {"limits": bounds.get("length"), "force": bounds.get("force")}
+        return rest | {key: x for key, x in own.items() if x is not None}
 
     @model_validator(mode="after")
     def _one(self) -> LinesLegs:

@@ -44,9 +44,10 @@ from cartstiff.stiffness.forces import (
 )
 from cartstiff.stiffness.held_forces import HeldForces, held_forces
 from cartstiff.stiffness.posture import PostureStiffness
+from cartstiff.stiffness.settled_links import settled
 
 Kind = Literal["force", "slack", "travel", "buckling", "displacement"]
-#: Multiple of the first estimate, or of the load, up to which a limit is looked for.
+#: Multiple of the first estimate and of the load up to which a limit is looked for.
 _MOST = 100.0
 
 
@@ -57,7 +58,7 @@ class FirstLimit(NamedTuple):
     ----------
     factor : float
         Multiple of the load at it; infinite if none is met. By the equilibrium none is
-        looked for beyond 100 times the factor to first order, or without that the load.
+        looked for beyond 100 times the load and 100 times the factor to first order.
     kind : {"force", "slack", "travel", "buckling", "displacement"} or None
         Force of a drive, slack cable, end of a joint or leg, loss of stability, allowed
         displacement.
@@ -275,11 +276,23 @@ class _Growing:
     ) -> None:
         self.result, self.held, self.displacement = result, held, displacement
         self.asked, self.posture = result.elastic_as_given, result.posture
-        self.W = np.asarray(result.wrench)
+        self.W, self.straight = np.asarray(result.wrench), result.posture
+        if virtual := sorted(self.asked.mechanism.virtual):
+            # Before the load compliant links carry the weight alone.
+            start = np.array(result.q)
+            start[virtual] = 0.0
+            self.straight = self.asked.placed(start)[1]
+            self.posture = settled(self.asked, self.straight, ())
+            if result.load.kind != "follower":
+                turned = self.posture.pose[:3, :3].T @ result.pose[:3, :3]
+                self.W = np.ravel(self.W.reshape(2, 3) @ turned.T)
         self.limits = limits_of(self.asked.mechanism, contacts=True)
         at = self.asked, self.posture, np.zeros(6)
         self.unloaded = analyse_at(*at, result.load)
-        self.low, self.high = drive_limits(self.asked, held.names)
+        #: Forces of the drives, which are the first of `HeldForces.names`.
+        self.now = {one.name: one.force for one in self.unloaded.forces}
+        self.names = [name for name in held.names if name in self.now]
+        self.low, self.high = drive_limits(self.asked, self.names)
 
     def linear(self) -> Iterator[FirstLimit]:
         """The first limit of each kind, to first order."""
@@ -312,20 +325,15 @@ class _Growing:
         """
         held, elastic = self.held, self.unloaded.elastic
         springs, (r, m) = elastic.springs, held.A.shape
-        is_shared = m > r and m == len(self.low) and not elastic.mechanism.rigid
+        is_shared = m > r and not elastic.mechanism.rigid
         if motion is None or springs is None or not is_shared:
-            return held.factor(self.W)
+            return held.factor(held.wrench)
         names, rows = drive_rows(elastic, self.posture)
         stiffness = springs.tangent(self.posture)[~springs.is_passive]
         if len(stiffness) != len(names):
-            return held.factor(self.W)
-        now = {one.name: one.force for one in self.unloaded.forces}
-        s, i = _first(
-            np.array([now[name] for name in names]),
-            stiffness * (rows @ motion),
-            self.low,
-            self.high,
-        )
+            return held.factor(held.wrench)
+        forces = np.array([self.now[name] for name in names])
+        s, i = _first(forces, stiffness * (rows @ motion), self.low, self.high)
         return s, [i] * (s < np.inf)
 
     def _travel(self, motion: Array) -> Iterator[FirstLimit]:
@@ -340,7 +348,12 @@ class _Growing:
             yield FirstLimit(max(s, 0.0), "travel", (limits.names[i],))
 
     def _buckling(self) -> Iterator[FirstLimit]:
-        """Where ``K_0 + s (K_1 - K_0)`` is singular, from both compliances."""
+        """Where ``K_0 + s (K_1 - K_0)`` is singular, from both compliances.
+
+        Not sought where links bend: K changes with their deflection, too.
+        """
+        if self.asked.mechanism.virtual:
+            return
         C_0, C_1 = self.unloaded.compliances["B"], self.result.compliances["load"]
         if C_0 is None or C_1 is None:
             return
@@ -365,7 +378,8 @@ class _Growing:
         def least(state: CurvePoint) -> _Margin:
             return min(self._margins(path, state), key=lambda one: one[0], default=_NONE)
 
-        found = where_it_falls(path, lambda x: least(x)[0], _MOST * unit, precision)
+        most = _MOST * max(unit, 1.0)
+        found = where_it_falls(path, lambda x: least(x)[0], most, precision)
         if found is None:
             return FirstLimit()
         state, is_held = found
@@ -376,17 +390,13 @@ class _Growing:
     def _path(self, unit: float) -> LoadPath:
         """The curve of equilibria under multiples of the load, whose scale is a unit."""
         result, at = self.result, np.array(self.result.load.at)
-        given = np.concatenate([self.W[:3] - se3.cross(at, self.W[3:]), self.W[3:]])
+        W = self.held.wrench
+        given = np.concatenate([W[:3] - se3.cross(at, W[3:]), W[3:]])
         load = result.load.acting(given, result.pose)
-        start = np.array(result.q)
-        start[sorted(self.asked.mechanism.virtual)] = 0.0
-        elastic, posture = self.asked.placed(start)
-        refuse_springs_far_apart(elastic)
-        elastic = with_rest_balancing(elastic, posture)
+        refuse_springs_far_apart(self.asked)
+        elastic, q = with_rest_balancing(self.asked, self.straight), self.straight.q
         none = limits_of(elastic.mechanism, ignore=True)
-        return LoadPath(
-            elastic, posture.q, (load,), (), None, none, unit, 1.0, 1.0, False
-        )
+        return LoadPath(elastic, q, (load,), (), None, none, unit, 1.0, 1.0, False)
 
     def _margins(self, path: LoadPath, state: CurvePoint) -> Iterator[_Margin]:
         """Shares of the way to each limit that are left at an equilibrium."""
@@ -406,13 +416,12 @@ class _Growing:
         elastic = System(path.system.elastic, loads).at_rest(state.point)
         rigid = rigid_torques(elastic, posture, state.balance.multipliers)
         forces = {one.name: one.force for one in forces_of(elastic, posture, rigid)}
-        now = {one.name: one.force for one in self.unloaded.forces}
-        for name, low, high in zip(self.held.names, self.low, self.high, strict=False):
+        for name, low, high in zip(self.names, self.low, self.high, strict=True):
             used = float(used_shares(forces[name], low, high))
             if used == used:
                 yield 1.0 - used, "force", (name,)
-            if low == 0.0 and now[name] > 0.0:
-                yield forces[name] / now[name], "slack", (name,)
+            if low == 0.0 and self.now[name] > 0.0:
+                yield forces[name] / self.now[name], "slack", (name,)
 
     def _of_travel(self, there: MechanismPosture) -> Iterator[_Margin]:
         """Margins of joints and legs, as shares of those without a load."""

@@ -612,8 +612,10 @@ class _Compiled:
         for one in self.actuators:
             own = self.joints[one.trnid[0]].coordinates if one.trntype in (0, 1) else []
             if len(own) == 1:
-                ends = one.forcerange if one.forcelimited else (-np.inf, np.inf)
-                low, high = sorted(one.gear[0] * x for x in ends if one.gear[0]) or (0, 0)
+                ends = [
+                    x * one.gear[0] if one.gear[0] else 0.0 for x in _force_range(one)
+                ]
+                low, high = sorted(ends)
                 before = found.get(own[0], (0.0, 0.0))
                 found[own[0]] = before[0] + low, before[1] + high
         for joint in self.joints:
@@ -748,6 +750,20 @@ class _Compiled:
         moved = -np.array(mesh["scale"]) * np.array(mesh["refpos"])
         back = _pose(np.zeros(3), mesh["refquat"]).T @ se3.pose(translation=moved)
         return MeshFile(Path(mesh["file"]), (x, y, z)), se3.inverse(centre) @ back
+
+
+def _force_range(actuator: Any) -> tuple[float, float]:
+    """Least and largest force of an actuator: its own limits, within those that the
+    limits of its control leave a plain motor.
+    """
+    low, high = -np.inf, np.inf
+    if actuator.forcelimited:
+        low, high = actuator.forcerange
+    kinds = actuator.gaintype, actuator.biastype, actuator.dyntype
+    if actuator.ctrllimited and kinds == ("mjGAIN_FIXED", "mjBIAS_NONE", "mjDYN_NONE"):
+        least, most = sorted(actuator.gainprm[0] * x for x in actuator.ctrlrange)
+        low, high = max(low, least), min(high, most)
+    return low, high
 
 
 def _elements(data: dict[str, Any], prefix: str, kind: str = "") -> list[Any]:

@@ -41,7 +41,8 @@ eq_type eq_objtype eq_obj1id eq_obj2id eq_active0 eq_data
 tendon_adr tendon_num tendon_limited tendon_stiffness tendon_stiffnesspoly
 tendon_lengthspring wrap_type wrap_objid wrap_prm actuator_trntype actuator_trnid
 actuator_gear actuator_forcelimited actuator_forcerange actuator_biastype
-actuator_biasprm flex_vertadr flex_vertnum flex_vertbodyid
+actuator_biasprm actuator_gaintype actuator_gainprm actuator_dyntype
+actuator_ctrllimited actuator_ctrlrange flex_vertadr flex_vertnum flex_vertbodyid
 """
 #: Fields whose numbers are replaced by MuJoCo's names of them.
 _ENUMERATIONS = {
@@ -51,6 +52,8 @@ _ENUMERATIONS = {
     "eq_objtype": "mjtObj",
     "wrap_type": "mjtWrap",
     "actuator_biastype": "mjtBias",
+    "actuator_gaintype": "mjtGain",
+    "actuator_dyntype": "mjtDyn",
 }
 _NAMED = {
     "body": "body",
