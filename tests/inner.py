@@ -154,7 +154,6 @@ HOMES = {
     "mechanisms.tree_building": "merged tree_building_Give=Give",
     "notes": "DOUBTS Note assumed_stiffness",
     "numerics": "CONSTRAINT_TOLERANCE threads",
-    "numerics.searches": "zero_between",
     "numerics.shortest": "shortest_above",
     "page": "export messages server source",
     "page.api": "Page StaticPage",

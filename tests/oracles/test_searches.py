@@ -4,7 +4,7 @@ import math
 
 import pytest
 from scipy.optimize import brentq
-from tests.inner import zero_between
+from tests.doors import zero_between
 
 CASES = {
     "cubic": (lambda x: x**3 - 2 * x - 5, 2.0, 3.0),
