@@ -88,7 +88,7 @@ def pictures(browser: Any, url: str, themes: tuple[str, ...] = ("light",)) -> li
     page.set_default_timeout(300_000)
     page.goto(url)
     ready(page)
-    page.wait_for_selector("#strip .plot .curve-2")
+    page.wait_for_selector("#strip .plot .curve-0")
     found = []
     for theme in themes:
         if page.get_attribute("html", "data-theme") != theme:

@@ -223,7 +223,7 @@ def test_a_trajectory_has_a_time_slider(tmp_path, pages):
     path = tmp_path / "path.html"
     path.write_text(export_page(source), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)
-    page.wait_for_selector("#strip .plot .curve-2")
+    page.wait_for_selector("#strip .plot .curve-0")
     page.focus("#time")
     page.keyboard.press("End")
     settled(page)

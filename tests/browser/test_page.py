@@ -569,7 +569,7 @@ def test_curves_that_a_server_no_longer_computes_do_not_cover_the_banner(pages):
     """The server goes while curves are asked for; they were asked for again and again."""
     server = Background(short(Source(cartstiff.load("cubic"))))
     page = pages.open(server.url)
-    page.wait_for_selector("#strip .plot:not(.computing) .curve-2")  # those of the start
+    page.wait_for_selector("#strip .plot:not(.computing) .curve-0")  # those of the start
     page.evaluate(
         """() => {
             const { source } = window.cartstiff;

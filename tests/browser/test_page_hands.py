@@ -287,7 +287,7 @@ def test_ends_of_ranges_are_rings_while_the_tool_is_held(serve, pages):
 
 def test_curves_are_zoomed_by_wheel_and_by_keys(serve, pages, tmp_path):
     page = pages.shared(serve("ur5", curves=True).url)
-    page.wait_for_selector("#strip .plot:not(.computing) .curve-2")
+    page.wait_for_selector("#strip .plot:not(.computing) .curve-0")
 
     def ends() -> list[float]:
         """Those of the slider, which runs below the plot; round places lie within them."""

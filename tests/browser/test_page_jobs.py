@@ -315,6 +315,119 @@ def test_the_worst_over_a_trajectory_in_no_action_and_what_is_allowed(pages):
         server.close()
 
 
+#: Brightness of each place of the tube in the picture that follows the plot; the worst place.
+TRACE = """() => {
+    const { pane } = window.cartstiff;
+    const [group] = pane.at("trace").children;
+    const tube = group.children[0].geometry.attributes;
+    const sides = 9;
+    return { light: Array.from({ length: tube.color.count / sides }, (_, i) =>
+            tube.color.getX(sides * i) + tube.color.getY(sides * i) + tube.color.getZ(sides * i)),
+        words: pane.part("meshcat", "cartstiff", "trace", "worst").children[0].userData.label.text,
+        worst: (() => {
+            const { geometry } = group.children.at(-1);
+            geometry.computeBoundingSphere();
+            return geometry.boundingSphere.center.toArray();
+        })(),
+        bar: [...document.querySelectorAll("#colour-bar span, #colour-bar .kind")]
+            .map((node) => node.textContent) };
+}"""
+
+
+def test_a_trajectory_is_a_trace_in_colours_where_bright_is_good(pages):
+    from tests.inner import Background, Playback
+
+    arm, t = cartstiff.load("ur5"), np.linspace(0, 1, 13)
+    q = arm.q + np.outer(np.sin(2.2 * t), [0.5, 0.4, -0.6, 0, 0.3, 0])
+    found = [cartstiff.analyse(arm, x, wrench=DOWN, load_axes="world") for x in q]
+    sizes = np.array(
+        [1e3 * np.linalg.norm(np.linalg.solve(r.tangent, r.wrench)[3:]) for r in found]
+    )
+    worst = int(np.argmax(sizes))
+    playback = Playback(q, 4 * t, timed=True)
+    server = Background(Source(arm, load=np.array(DOWN), load_axes="world", trajectory=playback))
+    try:
+        page = pages.open(server.url)
+        page.wait_for_function("() => window.cartstiff.trace")
+        settled(page)
+        trace = page.evaluate(TRACE)
+        assert np.array_equal(np.argsort(trace["light"]), np.argsort(-sizes))
+        assert trace["words"] == f"worst {sizes[worst]:.3g} mm"
+        assert trace["worst"] == pytest.approx(found[worst].pose[:3, 3], abs=1e-4)
+        assert trace["bar"][0] == "deflection along the way: bright is good, mm"
+        assert [float(x) for x in trace["bar"][-2:]] == pytest.approx(
+            [sizes.min(), sizes.max()], rel=1e-3
+        )
+        # Inside what is allowed all is brighter than outside.
+        allowed = round(float(np.median(sizes)), 3)
+        page.evaluate("(x) => window.cartstiff.change({ allowed: x })", allowed / 1e3)
+        settled(page)
+        trace = page.evaluate(TRACE)
+        light = np.array(trace["light"])
+        assert light[sizes <= allowed].min() > light[sizes > allowed].max() + 0.3
+        assert [x.strip("\u25cf ") for x in trace["bar"] if "mm" in x] == [
+            f"within {allowed:.3g} mm",
+            f"beyond {allowed:.3g} mm",
+        ]
+        page.click("summary:has-text('Show')")
+        page.get_by_text("Way along the plot").click()
+        settled(page)
+        assert page.evaluate("() => window.cartstiff.trace") is None
+    finally:
+        page.goto("about:blank")
+        server.close()
+
+
+def test_a_map_names_its_axes_and_value_and_marks_best_and_worst(hand):
+    page = hand.page
+    shown(page, {"load": DOWN, "load_axes": "world"})
+    # The plot follows the question.
+    assert page.evaluate("() => window.cartstiff.plot.of") == "deflection"
+    page.select_option("select[aria-label='Along what']", "sweep:1")
+    page.select_option("select[aria-label='And along what']", "2")
+    page.wait_for_function("() => document.querySelectorAll('.heat g rect').length === 48 * 48")
+    page.wait_for_selector("#strip .best:not([hidden])")
+    page.wait_for_function("() => window.cartstiff.waiting.size === 0")
+    settled(page)
+    arm = cartstiff.load("ur5")
+    words = page.locator(".plot.heat text").all_text_contents()
+    assert words.count(arm.names[1]) == words.count(arm.names[2]) == 1
+    assert "deflection [mm]: bright is good" in words
+    assert page.locator(".plot.heat .flag").count() == 2
+
+    def size():
+        q = page.evaluate("() => window.cartstiff.numbers.result.q")
+        result = cartstiff.analyse(arm, q, wrench=DOWN, load_axes="world")
+        return 1e3 * np.linalg.norm(np.linalg.solve(result.tangent, result.wrench)[3:])
+
+    # The colour where it stands: bright at the best, dark at the worst.
+    light = {}
+    for which in ("worst", "best"):
+        said = float(hand.reads(f"#strip .{which}").split(" ")[2])
+        hand.click(f"#strip .{which}")
+        assert size() == pytest.approx(said, rel=6e-3)
+        light[which] = page.evaluate(
+            """() => {
+                const ring = document.querySelector(".heat .here").getBoundingClientRect();
+                const [x, y] = [ring.x + ring.width / 2, ring.y + ring.height / 2];
+                const cell = [...document.querySelectorAll(".heat g rect")].find((rect) => {
+                    const box = rect.getBoundingClientRect();
+                    return x >= box.left && x <= box.right && y >= box.top && y <= box.bottom;
+                });
+                return getComputedStyle(cell).fill.match(/\\d+/g).reduce((a, b) => a + Number(b), 0);
+            }"""
+        )
+    assert light["best"] > 400 > 250 > light["worst"]
+    # What is allowed divides it.
+    page.evaluate("() => window.cartstiff.change({ allowed: 2e-3 })")
+    settled(page)
+    words = page.locator(".plot.heat text").all_text_contents()
+    assert any("m]: bright: within 2 mm, " in one for one in words)
+    # Without a load the question is another one.
+    shown(page, {"load": None})
+    assert page.evaluate("() => window.cartstiff.plot.of") == "translation"
+
+
 def test_200_n_along_x_and_read_then_undo(hand):
     """Two actions, the number and its key; one takes it back."""
     page = hand.page

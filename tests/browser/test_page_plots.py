@@ -141,7 +141,7 @@ def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
 def test_an_address_holds_the_plot_and_what_is_seen_of_it(serve, pages):
     url = serve("ur5").url
     page = pages.open(url + "#load=0,0,0,0,0,-100&load_axes=body")
-    page.wait_for_selector("#strip .plot .curve-2")
+    page.wait_for_selector("#strip .plot .curve-0")
     page.select_option(QUANTITY, "turn")
     page.select_option(ALONG, "sweep:1")
     page.wait_for_selector("#strip .plot .turn.curve-0")
@@ -164,7 +164,7 @@ def test_an_address_holds_the_plot_and_what_is_seen_of_it(serve, pages):
     assert plot["seen"][1] - plot["seen"][0] < 4 * np.pi / 2
     # What is not there is left out.
     other = pages.open(url + "#plot=flavour&along=sweep:77&seen=1,x")
-    other.wait_for_selector("#strip .plot .curve-2")
+    other.wait_for_selector("#strip .plot .curve-0")
     assert other.evaluate("() => window.cartstiff.plot.of") == "translation"
     for each in (page, again, other):
         each.context.close()
@@ -210,7 +210,7 @@ def test_cursor_slider_ticks_and_key(serve, pages):
     page = pages.shared(serve("ur5", curves=True).url)
     page.select_option(ALONG, "sweep:0")
     # Principal stiffnesses do not depend on this joint: a level line has no height to be seen by.
-    page.wait_for_selector("#strip .plot .curve-2", state="attached")
+    page.wait_for_selector("#strip .plot .curve-0", state="attached")
     settled(page)
     ticks = page.eval_on_selector_all(
         "#strip .plot:not(.heat) text", "(all) => all.map((t) => t.textContent)"
@@ -242,7 +242,7 @@ def test_values_by_equal_steps_or_equal_factors(serve, pages, tmp_path):
     """Heights of a curve on the screen are the values of the file, or their logarithms."""
     page = pages.shared(serve("ur5", curves=True).url)
     page.select_option(ALONG, "sweep:2")
-    page.wait_for_selector("#strip .plot .curve-2")
+    page.wait_for_selector("#strip .plot .curve-0")
     for kind, law in (("log", np.log), ("linear", np.asarray)):
         page.select_option("select[aria-label='Values by']", kind)
         settled(page)
@@ -259,7 +259,7 @@ def test_values_by_equal_steps_or_equal_factors(serve, pages, tmp_path):
 
 def test_a_curve_of_another_state_is_dimmed(serve, pages):
     page = pages.shared(serve("ur5", curves=True).url)
-    page.wait_for_selector("#strip .plot .curve-2")
+    page.wait_for_selector("#strip .plot .curve-0")
     settled(page)
     stale = "() => document.querySelector('#strip .plot').classList.contains('stale')"
     page.evaluate(
@@ -288,7 +288,7 @@ def test_a_curve_of_another_state_is_dimmed(serve, pages):
 def test_where_another_drive_has_to_move_is_a_gap_that_says_so(serve, pages, tmp_path):
     """A delta's arm: between two of its ends the closures hold with other motors moved only."""
     page = pages.open(serve("delta", curves=True).url, viewport={"width": 1440, "height": 700})
-    page.wait_for_selector("#strip .plot .curve-2")
+    page.wait_for_selector("#strip .plot .curve-0")
     settled(page)
     page.evaluate("() => window.cartstiff.tell('replot')")
     with page.expect_download() as download:

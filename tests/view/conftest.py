@@ -31,6 +31,9 @@ class NoPicture:
     def cloud(self, cloud: Any, quantity: str) -> dict[str, Any]:
         return {"label": quantity, "unit": cloud.units[quantity]}
 
+    def keep_in_view(self, positions: Any) -> None:
+        pass
+
     def bounds(self, result: Any) -> list[list[float]]:
         return [[0.0] * 3, [1.0] * 3]
 

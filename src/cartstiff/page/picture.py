@@ -123,6 +123,10 @@ class PageScene:
             return facts
         return facts | {"words": words.tolist()}
 
+    def keep_in_view(self, positions: Array) -> None:
+        """Have positions (N, 3) on the way of a trajectory seen."""
+        self._scene.keep_in_view("way", positions)
+
     def bounds(self, result: PostureStiffness) -> list[list[float]]:
         """Two corners, in the viewer's units, of what has to be in the picture
         at a posture.

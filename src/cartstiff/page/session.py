@@ -68,6 +68,8 @@ _Work = Generator[None, None, Answer]
 # size.
 _OPEN = "the loops do not close with the drives there"
 _REACHED = numerics.NEGLIGIBLE_DIFFERENCE
+# Places of a trajectory that are kept in view.
+_MOST_SEEN = 200
 #: The plotted numbers of a posture with its "q", or the "reason" why it is not reached.
 Row = dict[str, Any]
 
@@ -119,6 +121,10 @@ class Session:
         self.drawn: PostureStiffness | None = None
         self._colour_bar: dict[str, Any] | None = None
         self.picture = self.make_picture(elastic)
+        if (way := self.source.trajectory) is not None:
+            few = way.q[:: -(-len(way.q) // _MOST_SEEN)]
+            at = [elastic.mechanism.at(q).pose[:3, 3] for q in few]
+            self.picture.keep_in_view(np.array(at))
 
     @property
     def elastic(self) -> ElasticMechanism:

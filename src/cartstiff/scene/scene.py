@@ -94,7 +94,7 @@ class Scene:
         self._ghost: MechanismPicture | None = None
         self._ghost_at: tuple[float, ...] | None = None
         self._usual: dict[tuple[str, str], Array] = {}
-        self._around_map = np.empty((0, 3))
+        self._around = dict[str, Array]()
         self.notes: list[str] = []
 
     # -- the picture
@@ -171,10 +171,7 @@ class Scene:
         Arguments and returned facts of the colour bar as of `add_points`. No points
         remove the map.
         """
-        p = np.asarray(positions, float)  # the outermost of them have to be seen
-        self._around_map = (
-            p[[*p.argmin(axis=0), *p.argmax(axis=0)]] if p.size else np.empty((0, 3))
-        )
+        self.keep_in_view("map", positions)
         return add_points(
             self._node["map"],
             positions,
@@ -184,6 +181,13 @@ class Scene:
             size=size,
             carried=carried,
         )
+
+    def keep_in_view(self, what: str, positions: ArrayLike) -> None:
+        """Have positions (N, 3) in F seen; others of that name no longer have to be."""
+        p = np.asarray(positions, float)
+        self._around.pop(what, None)
+        if p.size:
+            self._around[what] = p[[*p.argmin(axis=0), *p.argmax(axis=0)]]
 
     def camera(self, preset: str = "iso") -> None:
         """View from "iso" (also "fit", "home"), "front", "side" or "top"."""
@@ -203,7 +207,7 @@ class Scene:
         points = [
             extent(self._elastic, posture),
             result.pose[:3, 3] + around,
-            self._around_map,
+            *self._around.values(),
         ]
         if self._theme:
             points.append(self._mechanism.corners(posture))
@@ -239,7 +243,7 @@ class Scene:
         return {
             **self._environment.facts(),
             "radius": _RADIUS * size,
-            "map": self._around_map.tolist(),
+            "around": [p for each in self._around.values() for p in each.tolist()],
             "arrows": dict(
                 zip(
                     ("force", "moment"),

@@ -72,13 +72,19 @@ export function plotted(store, key, state, rows) {
     .sort((a, b) => a - b);
   // In the page's unit of the quantity, if it has one.
   const [factor, unit] = inSize(store.sizes[key] ?? sizes[sizes.length >> 1] ?? 0, curve.unit(store, state));
+  const worst = curve.worst ?? (state.quantity === "stiffness" ? -1 : 1);
+  const counted = worst < 0 || key === "condition" ? 0 : -1; // of several lines
+  const lines = typeof curve.lines === "function" ? curve.lines(state) : curve.lines ?? [curve.words];
+  const values = (row) => row?.[key]?.map((x) => (x === null ? null : x / factor)) ?? null;
   return {
-    lines: typeof curve.lines === "function" ? curve.lines(state) : curve.lines ?? [curve.words],
-    worst: curve.worst ?? (state.quantity === "stiffness" ? -1 : 1),
+    lines,
+    worst,
     read: (x) => x / factor,
     unit,
     title: curve.title(store, state),
-    values: (row) => row?.[key]?.map((x) => (x === null ? null : x / factor)) ?? null,
+    values,
+    one: (row) => values(row)?.at(counted) ?? null,
+    called: lines.length > 1 ? `${curve.words}, ${lines.at(counted)}` : curve.words,
     why: (row) => reasonOf(store, row) ?? curve.nothing?.(row)
       ?? (state.quantity === "stiffness" ? "the stiffness does not exist here; the compliance may"
         : "the compliance does not exist here"),

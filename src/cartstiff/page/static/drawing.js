@@ -295,7 +295,7 @@ export class Drawing {
   bounds({ pose, frames }) {
     const { assets, program } = this;
     const tool = place(pose);
-    const points = [...assets.map, ...[-1, 1].map((side) => tool.map((x) => x + side * assets.radius))];
+    const points = [...assets.around, ...[-1, 1].map((side) => tool.map((x) => x + side * assets.radius))];
     if (program.data.platform) points.push(...program.data.anchors,
       ...program.data.points.map((point) => moved(pose, point)));
     else {

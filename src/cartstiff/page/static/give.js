@@ -60,7 +60,7 @@ function callout(store) {
   };
 }
 
-const numberOf = (colour) => Number(`0x${colour.slice(1)}`);
+export const numberOf = (colour) => Number(`0x${colour.slice(1)}`);
 
 /** A button that plays it, and the line with the factor. */
 export function give(store, answer) {

@@ -1,7 +1,7 @@
 // A quantity over two coordinates, as colours: sweeps of the first, one for each value of the second.
 
-import { clamp, download, dropdown, rgbs, short } from "./dom.js";
-import { between } from "./drawing.js";
+import { bright, goodness, isOutside } from "./bright.js";
+import { clamp, download, dropdown, engineering, short } from "./dom.js";
 import { isWhole, nearer, Plot } from "./plot.js";
 import { drawing, provenance, saveDrawing, svg, table } from "./plotfiles.js";
 import { curvesOf, inWords } from "./store.js";
@@ -12,8 +12,6 @@ import { curvesOf, inWords } from "./store.js";
 const CELLS = 48;
 const ORDER = [4, 2, 1].flatMap((step, pass) => Array.from({ length: CELLS }, (_, k) => k)
   .filter((k) => k % step === 0 && (pass === 0 || k % (2 * step) !== 0)));
-// Ratio of largest to smallest from which colours go by logarithms.
-const WIDE = 20;
 // Time (ms) without a change after which it is computed anew.
 const CALM = 700;
 // Cells that are seen at least.
@@ -22,12 +20,7 @@ const FEWEST = 3;
 const PAUSE = 30;
 const NOTHING = { reason: "the server did not answer" };
 
-/** A colour from dark to light. */
-const hue = (share) => {
-  stops ??= rgbs("sequential");
-  return `fill: rgb(${between(stops, clamp(share, 0, 1)).map(Math.round).join(" ")})`;
-};
-let stops = null;
+const hue = (share) => `fill: rgb(${bright(share).map(Math.round).join(" ")})`;
 
 /** Distance of the values of a list, and both ends: those of its outer cells. */
 const step = (list) => (list.at(-1) - list[0]) / (list.length - 1);
@@ -37,7 +30,7 @@ const whole = (list) => [list[0] - step(list) / 2, list.at(-1) + step(list) / 2]
 export function heat(store, what) {
   const select = dropdown("And along what", [], (and) => what.showPlot({ and, seen: null }),
     { title: "A second coordinate: the values become colours" });
-  const plot = new Plot({ left: 62, right: 76, top: 8, bottom: 18 }, () => draw(),
+  const plot = new Plot({ left: 62, right: 96, top: 22, bottom: 18 }, () => draw(),
     { kind: "plot heat", label: "no values yet" });
   let map = null; // {key, state, first, second, xs, ys, rows}
   let asked = null;
@@ -47,11 +40,8 @@ export function heat(store, what) {
   const on = () => select.value !== "" && what.along() !== null;
   const second = () => Number(select.value);
   const coordinate = (i) => store.hello.mechanism.coordinates[i];
-  /** Values of rows, unit and words of the map that is drawn. */
-  function told() {
-    const { values, ...words } = what.shown({ state: map.state, rows: map.rows.flatMap((line) => line ?? []) });
-    return { ...words, valueOf: (row) => values(row)?.[0] ?? null };
-  }
+  /** What is read from the rows of the map that is drawn, with its unit and words. */
+  const told = () => what.shown({ state: map.state, rows: map.rows.flatMap((line) => line ?? []) });
 
   function show() {
     plot.node.style.display = on() ? "" : "none";
@@ -113,7 +103,7 @@ export function heat(store, what) {
   }
 
   /** Why a cell has no colour. */
-  const why = ({ valueOf, why: reason }, row) => (valueOf(row) === null ? reason(row) : "not above zero");
+  const why = ({ one, why: reason }, row) => (one(row) === null ? reason(row) : "not above zero");
 
   /** Which row stands for a place: its own, or one before it while that has not come. */
   const standsFor = (j) => [j, j - 1, j - 2, j - 3].find((k) => map.rows[k]);
@@ -132,56 +122,88 @@ export function heat(store, what) {
   }
 
   /** The cells that are seen; of those without a value the ground is marked. */
-  function cells(x, y, values, share) {
+  function cells(x, y, good) {
     plot.clip("seen-cells");
     const group = plot.add("g", { "clip-path": "url(#seen-cells)" });
     const [half, high] = [step(map.xs) / 2, step(map.ys) / 2];
-    values.forEach((line, j) => line?.forEach((value, i) => {
+    map.ys.forEach((_, j) => map.rows[standsFor(j)]?.forEach((row, i) => {
       const [left, top] = [x.place(map.xs[i] - half), y.place(map.ys[j] + high)];
       const [right, bottom] = [x.place(map.xs[i] + half), y.place(map.ys[j] - high)];
       if (right <= x.start || left >= x.end || bottom <= y.end || top >= y.start) return;
-      const look = value === null ? { class: "gap" } : { style: hue(share(value)) };
+      const look = good.value(row) === null ? { class: "gap" } : { style: hue(good.share(row)) };
       group.append(svg("rect", { x: left, y: top, width: right - left + 0.4, height: bottom - top + 0.4, ...look }));
     }));
   }
 
+  /** Where a row is: numbers of both coordinates. */
+  function placeOf(row) {
+    const j = map.rows.findIndex((line) => line?.includes(row));
+    return [map.xs[map.rows[j].indexOf(row)], map.ys[j]];
+  }
+
+  const go = (place) => store.change({ q: store.state.q.with(map.first, place[0]).with(map.second, place[1]),
+    moved: null });
+
+  /** Mark the worst and the best cell, and say them. */
+  function flag(x, y, found, { worst, best, value }) {
+    const ends = { worst, best };
+    what.tell(Object.fromEntries(Object.entries(ends).map(([name, row]) => {
+      const place = placeOf(row);
+      const [across, up] = [x.place(place[0]), y.place(place[1])];
+      const d = `M${across},${up}${name === "worst" ? "l-5,-9h10z" : "l-5,9h10z"}`;
+      if (across >= x.start && across <= x.end && up <= y.start && up >= y.end) plot.add("path",
+        { class: `flag ${name}`, d });
+      const where = [map.first, map.second].map((i, k) => `${coordinate(i).name} ${inWords(store, i, place[k], 3)}`);
+      return [name, { value: value(row), unit: found.unit, where: where.join(", "), go: () => go(place) }];
+    })));
+  }
+
+  /** The bar of the colours: the best on top. */
+  function bar(x, y, { worst, best, value, isLog }) {
+    const [right, top] = [x.end, plot.margin.top];
+    const height = y.start - top;
+    for (let k = 0; k < 24; k++) plot.add("rect", { x: right + 8, y: top + (height * k) / 24, width: 9,
+      height: height / 24 + 0.4, style: hue(1 - k / 23) });
+    plot.text(right + 20, top + 8, `${short(value(best), 3)} best`);
+    plot.text(right + 20, y.start, `${short(value(worst), 3)} worst`);
+    if (isLog) plot.text(right + 20, (top + y.start) / 2 + 4, "log");
+  }
+
   function draw() {
-    const { width, height, margin } = plot;
+    const { width, height } = plot;
     if (!on() || !map || width < 120 || height < 50) return;
     const found = told();
-    const { unit, title, valueOf } = found;
-    const values = map.rows.map((_, j) => map.rows[standsFor(j)]?.map(valueOf)
-      .map((value) => (value > 0 ? value : null)));
-    const all = values.flat().filter(Number.isFinite);
-    if (!all.length) return plot.say(`${title}: ${why(found, map.rows.find(Boolean)[0])}`);
-    const [low, high] = [Math.min(...all), Math.max(...all)];
-    const isLog = high > WIDE * low;
-    const share = (value) => (high === low ? 0.5 : isLog ? Math.log(value / low) / Math.log(high / low)
-      : (value - low) / (high - low));
+    const { allowed } = store.state;
+    const rows = map.rows.flatMap((line) => line ?? []);
+    const good = goodness(found, rows, allowed);
+    if (!good) return plot.say(`${found.title}: ${why(found, map.rows.find(Boolean)[0])}`);
     const [x, y] = axes();
     plot.node.replaceChildren();
-    cells(x, y, values, share);
+    cells(x, y, good);
     const at = (i, list, value) => inWords(store, i, clamp(value, list[0], list.at(-1)), 3);
     plot.text(x.start, height - 4, at(map.first, map.xs, x.low));
     plot.text(x.end, height - 4, at(map.first, map.xs, x.high), "end");
     plot.text((x.start + x.end) / 2, height - 4, coordinate(map.first).name, "middle");
     plot.text(x.start - 4, y.start, at(map.second, map.ys, y.low), "end");
     plot.text(x.start - 4, y.end + 9, at(map.second, map.ys, y.high), "end");
-    const [right, top] = [x.end, margin.top];
-    const bar = y.start - top - 14;
-    for (let k = 0; k < 24; k++) plot.add("rect", { x: right + 8, y: top + 14 + (bar * k) / 24, width: 9,
-      height: bar / 24 + 0.4, style: hue(1 - k / 23) });
-    plot.text(right + 20, top + 22, short(high, 3));
-    plot.text(right + 20, y.start, short(low, 3));
-    plot.text(width - 2, top + 8, unit, "end", "unit");
-    if (isLog) plot.text(right + 20, (top + y.start) / 2 + 8, "log");
+    const [left, middle] = [12, (y.start + y.end) / 2];
+    plot.text(left, middle, coordinate(map.second).name, "middle")
+      .setAttribute("transform", `rotate(-90 ${left} ${middle})`);
+    const inside = rows.filter((row) => row.q && !isOutside(row, allowed)).length / rows.length;
+    const meaning = allowed
+      ? `bright: within ${engineering(allowed, store.unit("length"), 3)}, ${short(100 * inside, 2)} %`
+      : "bright is good";
+    const unit = found.unit === "1" ? "" : ` [${found.unit}]`;
+    plot.text(x.start, 14, `${found.called}${unit}: ${meaning}`, "start", "unit");
+    bar(x, y, good);
+    flag(x, y, found, good);
     // Where the mechanism stands.
     const [here, there] = [store.state.q[map.first], store.state.q[map.second]];
     if (here >= x.low && here <= x.high && there >= y.low && there <= y.high) plot.add("circle",
       { class: "here", cx: x.place(here), cy: y.place(there), r: 5 });
     plot.node.setAttribute("aria-label",
-      `${title} along ${coordinate(map.first).name} and ${coordinate(map.second).name}, as colours from ${short(low,
-        3)} to ${short(high, 3)}${isLog ? ", by logarithms" : ""}`);
+      `${found.title} along ${coordinate(map.first).name} and ${coordinate(map.second).name}, as colours from ${
+        short(good.low, 3)} to ${short(good.high, 3)}${good.isLog ? ", by logarithms" : ""}: ${meaning}`);
   }
 
   /** The cell under a pointer, and the values there. */
@@ -203,27 +225,28 @@ export function heat(store, what) {
     const found = under(event);
     if (!found) return what.say(null);
     const all = told();
-    const value = all.valueOf(found.row);
+    const value = all.one(found.row);
     const words = value === null ? why(all, found.row) : `${short(value, 5)} ${all.unit}`;
     what.say(`${inWords(store, map.first, found.x, 3)}, ${inWords(store, map.second, found.y, 3)}: ${words}`, event);
   });
   plot.node.addEventListener("pointerleave", () => what.say(null));
   plot.node.addEventListener("click", (event) => {
     const found = under(event);
-    if (found) store.change({ q: store.state.q.with(map.first, found.x).with(map.second, found.y), moved: null });
+    if (found) go([found.x, found.y]);
   });
 
   /** The map as a file. */
   function keep(kind, name) {
     const all = told();
-    const { title, unit, valueOf } = all;
+    const { title, unit, one } = all;
     const [first, second] = [map.first, map.second].map(coordinate);
     const lines = provenance(store, map.state, `${title} [${unit}] along ${first.name} and ${second.name}`);
     if (kind !== "csv") return saveDrawing(kind, name, drawing(plot.node, lines,
-      ["colours as in the bar; grey: no value, or one that is not above zero; ring: the posture"]));
+      ["colours as in the bar, bright is good; grey: no value, or one that is not above zero; red and green marks: the "
+        + "worst and the best; ring: the posture"], kind));
     const head = [first, second].map((one) => `${one.name} [${one.unit}]`);
     const rows = map.ys.flatMap((y, j) => map.xs.map((x, i) => {
-      const value = valueOf(map.rows[j][i]);
+      const value = one(map.rows[j][i]);
       return [x, y, value, value === null ? why(all, map.rows[j][i]) : null];
     }));
     download(`${name}.csv`, table(lines, [...head, `value [${unit}]`, "why there is no value"], rows), "text/csv");

@@ -90,6 +90,12 @@ export function legendBox(store) {
   let length = 0; // of the bar, in units of the viewer
   let framed = false;
   store.pane.before.push(() => { scale.style.width = `${length * store.pane.dotsPerUnit}px`; });
+  const bars = () => {
+    const shown = [store.legend?.cloud, store.trace].filter(Boolean);
+    bar.hidden = !shown.length;
+    bar.replaceChildren(...shown.flatMap(colourBar));
+  };
+  store.on("trace", bars);
   store.on("hello", () => { framed = false; });
   store.on("numbers", () => {
     const { legend } = store;
@@ -100,8 +106,7 @@ export function legendBox(store) {
       ...legend.lines.filter(({ mark }) => mark !== "tension" || !isShared(store.numbers))
         .map(({ mark, text, title }) => el("div", { title },
         el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${typeset(text)}`)));
-    bar.hidden = !legend.cloud;
-    if (legend.cloud) bar.replaceChildren(...colourBar(legend.cloud));
+    bars();
     // An address may ask for another posture than the one that the first picture was framed for.
     if (framed) return;
     framed = true;

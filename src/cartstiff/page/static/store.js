@@ -12,7 +12,7 @@ const LATE = 700;
 const MOST_PAST = 200;
 const TOGETHER = 800;
 
-/** Tells of: hello, state, numbers, kept, error, late, refused, angles, rows, local, plot, replot. */
+/** Tells of: hello, state, numbers, kept, error, late, refused, angles, rows, local, plot, replot, trace. */
 export class Store extends EventTarget {
   constructor(source, pane = null, quiet = false) {
     super();
@@ -39,6 +39,7 @@ export class Store extends EventTarget {
     this.lastTime = 0; // of a step
     this.plot = null; // what the plot shows
     this.isPlaying = false; // whether the picture moves by itself
+    this.trace = null; // what the colours of its way in the picture say
     source.onanswer = (data, commands) => this.receive(data, commands);
     source.onlost = () => this.lost();
     source.onalone = () => this.alone();

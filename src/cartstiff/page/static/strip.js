@@ -8,6 +8,7 @@ import { player } from "./player.js";
 import { CLOSER, Plot, isWhole, nearer } from "./plot.js";
 import { LETTER, PRINTED, drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
 import { curvesOf, inDegrees, inWords } from "./store.js";
+import { traceOf } from "./trace.js";
 
 export const MARGIN = { left: 52, right: 12, top: 20, bottom: 18 };
 // Length of a line in the key, in dots.
@@ -21,6 +22,7 @@ const LEAST_SEEN = 0.02;
 // Where this many sweeps in succession took longer than that (s), they are not repeated by themselves: the
 // first of all may wait for machine code to be made, and the next ones are quick.
 const [SLOW_SWEEPS, QUICK] = [2, 1];
+const SIGNS = { worst: "▼", best: "▲" };
 const SAVED_AS = [["", "Save"], ["svg", "SVG"], ["csv", "CSV"], ["png1", "PNG"],
   ...[2, 3, 4].map((n) => [`png${n}`, `PNG × ${n}`]), ...PRINTED];
 
@@ -58,10 +60,15 @@ export function strip(store) {
   const plot = new Plot(MARGIN, () => draw());
   const map = heat(store, {
     shown: now, showPlot, busy: () => asked !== null, computed: () => write(),
-      say: (words, event) => reading.say(words, event),
+      say: (words, event) => reading.say(words, event), tell: (found) => nameEnds(found),
     along: () => (what.value.startsWith("sweep") && what.value !== `sweep:${store.plot.and}`
       ? Number(what.value.slice(6)) : null),
-    toggle: (on) => { scale.hidden = on; plot.node.style.display = on ? "none" : ""; setSlider(); },
+    toggle: (on) => {
+      scale.hidden = on;
+      plot.node.style.display = on ? "none" : "";
+      byId("strip").classList.toggle("mapped", on);
+      setSlider();
+    },
   });
   const play = button("▶", () => toggle(), { class: "play", title: "Play or pause (p)", "aria-label": "Play" });
   const time = el("input", { type: "range", id: "time", min: 0, max: 1, step: "any", value: 0, "aria-label": "Time",
@@ -73,12 +80,14 @@ export function strip(store) {
     { class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed" });
   const save = dropdown("Save the plot", SAVED_AS, () => keep(),
     { class: "save", title: "The plot as a file, with what it shows" });
-  const worst = button("", () => go(worstAt), { class: "quiet worst", hidden: true, title: "Go to the worst of all" });
-  let worstAt = null; // place of the series
+  const marks = Object.fromEntries(Object.keys(SIGNS).map((which) => [which, button("", () => {},
+    { class: `quiet ${which}`, hidden: true, title: "Go there" })]));
   const cursor = svg("line", { class: "cursor" });
+  const trace = traceOf(store, () => drawWay());
+  byId("show-list").append(trace.node);
   byId("strip").append(
     el("div", { class: "row" }, el("span", { class: "dim along" }, "Along"), what, map.select, quantity, scale, again,
-      whole, worst, label, save),
+      whole, marks.worst, marks.best, label, save),
     el("div", { class: "plots" }, plot.node, map.plot),
     el("div", { class: "time-row" }, play, time));
   const reading = tipIn(byId("strip"), "reading", [12, -30]);
@@ -166,18 +175,18 @@ export function strip(store) {
   }
 
   const all = () => [series.at[0], series.at.at(-1)];
-  const ends = () => (store.plot.seen?.length === 2 && store.plot.seen) || all();
+  const seen = () => (store.plot.seen?.length === 2 && store.plot.seen) || all();
 
   /** See so many times less of the series, about a place. */
   function zoom(times, at) {
     const [first, last] = all();
-    const seen = nearer(ends(), [first, last], times, at, LEAST_SEEN * (last - first));
-    showPlot({ seen: isWhole(seen, [first, last]) ? null : seen });
+    const part = nearer(seen(), [first, last], times, at, LEAST_SEEN * (last - first));
+    showPlot({ seen: isWhole(part, [first, last]) ? null : part });
     return true;
   }
 
   /** Where along the series a pointer is. */
-  const under = (event) => clamp(plot.across(...ends()).value(plot.dots(event)[0]), ...ends());
+  const under = (event) => clamp(plot.across(...seen()).value(plot.dots(event)[0]), ...seen());
   /** The place of the series that is next to a value. */
   const closest = (x) => series.at.reduce((best, value, i) =>
     (Math.abs(value - x) < Math.abs(series.at[best] - x) ? i : best), 0);
@@ -238,7 +247,7 @@ export function strip(store) {
       const { at, rows, seconds } = await store.ask(question);
       if (asked !== own) return;
       series = { state, coordinate: swept, at, rows, key: wanted, others: [] };
-      if (ends()[0] < at[0] || ends()[1] > at.at(-1)) showPlot({ seen: null });
+      if (seen()[0] < at[0] || seen()[1] > at.at(-1)) showPlot({ seen: null });
       again.hidden = true;
       plot.node.classList.remove("stale");
       draw();
@@ -277,13 +286,13 @@ export function strip(store) {
   function setSlider() {
     const { left, right } = map.on() ? map.margin : MARGIN;
     [time.style.marginLeft, time.style.width] = [`${left - THUMB}px`, `calc(100% - ${left + right - 2 * THUMB}px)`];
-    if (series) [time.min, time.max] = map.on() ? all() : ends();
+    if (series) [time.min, time.max] = map.on() ? all() : seen();
   }
 
   function showCursor() {
     if (!series) return;
     if (isSweep() && !isPlaying()) position = closest(store.state.q[series.coordinate]);
-    const [first, last] = ends();
+    const [first, last] = seen();
     setSlider();
     const exact = isSweep() ? store.state.q[series.coordinate] : series.at[position];
     time.value = exact;
@@ -307,15 +316,22 @@ export function strip(store) {
     }
   }
 
+  /** The way through the places of the series, in the picture. */
+  function drawWay() {
+    if (series && trace.box.checked && !map.on()) trace.show(series.rows, now(), store.state.allowed);
+    else if (store.trace) trace.show(null);
+  }
+
   function draw() {
     const { width, height } = plot;
-    if (!series || width < 80 || height < 40) return;
+    drawWay();
+    if (!series || map.on() || width < 80 || height < 40) return;
     const { values: valuesOf, unit, why, title: heading, lines: names } = now();
     const curves = names.map((_, k) => series.rows.map((row) => valuesOf(row)?.[k] ?? null));
     // Of what is compared with the least value, dashed.
     const overlaid = series.others.map(({ title, at, rows }) =>
       ({ title, at, values: rows.map((row) => valuesOf(row)?.[0] ?? null) }));
-    const x = plot.across(...ends());
+    const x = plot.across(...seen());
     // With the next one on either side, to which the curves go on.
     const isSeen = (at, i) => (at[i + 1] ?? at[i]) >= x.low && (at[i - 1] ?? at[i]) <= x.high;
     const isLog = store.plot.values !== "linear";
@@ -362,19 +378,29 @@ export function strip(store) {
     showCursor();
   }
 
-  /** Flag the worst place of all, and say it. */
-  function flag(x, y, to, { worst: sign, values: valuesOf, unit }) {
-    const at = sign < 0 || store.plot.of === "condition" ? 0 : -1;
-    const values = series.rows.map((row) => valuesOf(row)?.at(at) ?? NaN);
-    const found = [...values.keys()].filter((k) => Number.isFinite(values[k]));
-    worstAt = found.reduce((best, k) => (best === null || sign * (values[k] - values[best]) > 0 ? k : best), null);
-    worst.hidden = worstAt === null;
-    if (worstAt === null) return;
-    const place = atText(series.at[worstAt]);
-    worst.textContent = `▼ worst ${short(values[worstAt], 3)} ${unit === "1" ? "" : `${unit} `}at ${place}`;
-    const [across, up] = [x.place(series.at[worstAt]), clamp(y.place(to(values[worstAt])), y.end, y.start)];
+  /** Flag the worst place of all. */
+  function flag(x, y, to, { worst: sign, one, unit }) {
+    const rows = series.rows.filter((row) => Number.isFinite(one(row)));
+    if (!rows.length) return nameEnds({});
+    const row = rows.reduce((a, b) => (sign * (one(b) - one(a)) > 0 ? b : a));
+    const at = series.rows.indexOf(row);
+    nameEnds({ worst: { value: one(row), unit, place: atText(series.at[at]), go: () => go(at) } });
+    const [across, up] = [x.place(series.at[at]), clamp(y.place(to(one(row))), y.end, y.start)];
     if (across >= x.start && across <= x.end && Number.isFinite(up)) plot.add("path",
       { class: "flag", d: `M${across},${up}l-5,-9h10z` });
+  }
+
+  /** Say the ends of what is plotted, and go there on a click. */
+  function nameEnds(found) {
+    for (const [which, node] of Object.entries(marks)) {
+      const one = found[which];
+      node.hidden = !one;
+      if (!one) continue;
+      node.textContent = [SIGNS[which], which, short(one.value, 3), one.unit === "1" ? "" : one.unit,
+        one.place ? `at ${one.place}` : ""].filter(Boolean).join(" ");
+      node.title = one.where ? `${one.where}: go there` : "Go there";
+      node.onclick = one.go;
+    }
   }
 
   /** The displacement that is allowed, and where the load moves the point further. */
@@ -423,9 +449,10 @@ export function strip(store) {
     // The coordinate in the middle of the chain usually tells most.
     usual.along = hello.trajectory ? "series:0" : `sweep:${sliders[Math.floor((sliders.length - 1) / 2)]}`;
     plot.node.replaceChildren();
-    again.hidden = worst.hidden = true;
-    // Along a trajectory under a load the first question is how far that moves the point.
-    usual.of = hello.trajectory && hello.state.load?.some((x) => x) ? "deflection" : "translation";
+    again.hidden = true;
+    nameEnds({});
+    trace.box.checked = Boolean(hello.trajectory);
+    usual.of = "translation";
     replot();
   });
   /** What an address asks for, as far as there is such a thing. */
@@ -437,10 +464,23 @@ export function strip(store) {
     showPlot(wishes);
   }
   store.on("replot", replot);
-  store.on("state", (patch) => { if ("allowed" in patch) draw(); });
+  const redraw = () => {
+    draw();
+    map.draw();
+  };
+  store.on("state", (patch) => { if ("allowed" in patch) redraw(); });
   store.on("rows", () => request());
   store.on("refused", () => plot.node.classList.toggle("stale", series !== null && series.key !== key()));
+  /** Once a load acts, the question is how far it moves the point, unless something else was chosen. */
+  function question() {
+    const of = store.numbers.moved?.displacement.some((x) => x) ? "deflection" : "translation";
+    if (of === usual.of) return;
+    if (store.plot.of === usual.of) quantity.value = store.plot.of = of;
+    usual.of = of;
+    redraw();
+  }
   store.on("numbers", () => {
+    question();
     request();
     showCursor();
   });

@@ -1,0 +1,121 @@
+// The way of M along the plot, in the picture: in the colours of what is plotted, bright is good; its worst place is
+// named.
+
+import { bright, goodness, isOutside } from "./bright.js";
+import { el, engineering, hues, rgbs } from "./dom.js";
+import { numberOf } from "./give.js";
+
+// Thickness of the way, and of the ball at its worst place, over the mechanism's size.
+const [WAY_THICK, WAY_BALL] = [0.006, 0.014];
+const WAY_SIDES = 8;
+const WAY_STOPS = 9;
+const WAY_NAME = ["meshcat", "cartstiff", "trace", "worst"];
+// Height of letters where the picture is one unit away.
+const WAY_LETTERS = 0.028;
+
+/** Runs of rows that are reached, one after the other. */
+function runsOf(rows) {
+  const runs = [[]];
+  for (const row of rows) {
+    if (row.position) runs.at(-1).push(row);
+    else if (runs.at(-1).length) runs.push([]);
+  }
+  return runs.filter((run) => run.length > 1);
+}
+
+/** What shows rows, or with null nothing; and a box that says whether it is wished. */
+export function traceOf(store, onchange) {
+  const { THREE } = MeshCat;
+  const group = new THREE.Group();
+  const box = el("input", { type: "checkbox", onchange });
+  let named = null; // the label at the worst place, and where that is
+
+  /** A tube through places, each with its colour. */
+  function tube(rows, colours, radius) {
+    const places = rows.map(({ position }) => new THREE.Vector3(...position));
+    if (!places.some((place) => place.distanceTo(places[0]) > radius)) return null; // it stays where it is
+    const curve = new THREE.Curve();
+    curve.getPoint = (t, target = new THREE.Vector3()) => {
+      const at = Math.min(t * (places.length - 1), places.length - 1);
+      const low = Math.min(Math.floor(at), places.length - 2);
+      return target.lerpVectors(places[low], places[low + 1], at - low);
+    };
+    curve.getUtoTmapping = (u) => u;
+    const geometry = new THREE.TubeGeometry(curve, places.length - 1, radius, WAY_SIDES);
+    geometry.setAttribute("color", new THREE.Float32BufferAttribute(colours.flatMap((colour) =>
+      Array.from({ length: WAY_SIDES + 1 }, () => colour.map((c) => c / 255)).flat()), 3));
+    return geometry;
+  }
+
+  function add(geometry, colour = null) {
+    for (const [opacity, depthTest] of [[1, true], [0.4, false]]) {
+      const material = new THREE.MeshBasicMaterial({ vertexColors: !colour, color: colour ?? 0xffffff, opacity,
+        depthTest, transparent: !depthTest });
+      const mesh = new THREE.Mesh(geometry, material);
+      mesh.userData.twin = false;
+      group.add(mesh);
+    }
+  }
+
+  function show(rows, found, allowed) {
+    for (const { geometry, material } of group.children) [geometry, material].forEach((one) => one.dispose());
+    group.clear();
+    named = null;
+    const good = rows && store.legend ? goodness(found, rows, allowed) : null;
+    store.trace = good && facts(good, found, rows, allowed);
+    if (good) draw(good, found, rows);
+    store.tell("trace");
+    store.pane.viewer.set_dirty();
+  }
+
+  function draw(good, found, rows) {
+    const { size } = store.legend;
+    const [none] = rgbs("rest");
+    const colour = (row) => (good.value(row) === null ? none : bright(good.share(row)));
+    for (const run of runsOf(rows)) {
+      const geometry = tube(run, run.map(colour), WAY_THICK * size);
+      if (geometry) add(geometry);
+    }
+    if (!group.children.length) return;
+    const { worst } = good;
+    const [ink] = hues("negative");
+    add(new THREE.SphereGeometry(WAY_BALL * size, 16, 12).translate(...worst.position), numberOf(ink));
+    const [x, y, z] = worst.position;
+    named = { at: [x, y, z + 3 * WAY_BALL * size], label: { path: `/${WAY_NAME.join("/")}`,
+      height: WAY_LETTERS / store.legend.per_length,
+      text: `worst ${engineering(good.value(worst), found.unit === "1" ? "" : found.unit, 3)}`,
+      letters: [ink, ink].map(numberOf), paper: hues("label-paper").map(numberOf) } };
+  }
+
+  /** What the colours say, as a map's bar has it. */
+  function facts({ value, worst, best, low, high, isLog }, found, rows, allowed) {
+    const label = `${found.called} along the way`;
+    const colours = (list) => list.map((share) => `rgb(${bright(share).map(Math.round).join(" ")})`);
+    if (allowed) {
+      const reached = rows.filter(({ q }) => q);
+      const [outside, inside] = [true, false].map((is) => reached.filter((row) => isOutside(row, allowed) === is));
+      const limit = engineering(allowed, store.unit("length"), 3);
+      const [dark, light] = colours([0.1, 0.9]);
+      return { label, count: rows.length, kinds: [{ name: `within ${limit}`, count: inside.length, colour: light },
+        { name: `beyond ${limit}`, count: outside.length, colour: dark }] };
+    }
+    const shares = Array.from({ length: WAY_STOPS }, (_, k) => k / (WAY_STOPS - 1));
+    const isUp = value(best) >= value(worst);
+    return { label: `${label}: bright is good`, unit: found.unit, lower: low, upper: high, log: isLog,
+      stops: colours(isUp ? shares : shares.toReversed()) };
+  }
+
+  // A new picture begins without it.
+  store.pane.before.push(() => {
+    const place = store.pane.at("trace");
+    if (group.parent !== place) place.add(group);
+    const label = store.pane.part(...WAY_NAME);
+    if (label) label.visible = named !== null;
+    if (!named) return;
+    if (label?.children[0]?.userData.label.text !== named.label.text) store.pane.write(named.label);
+    store.pane.part(...WAY_NAME).position.set(...named.at);
+  });
+  const node = el("label", { class: "check", title: "The way of M along the plot, in the colours of its values" }, box,
+    "Way along the plot");
+  return { show, box, node };
+}
