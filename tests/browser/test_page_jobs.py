@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -414,7 +416,8 @@ def test_a_map_names_its_axes_and_value_and_marks_best_and_worst(hand):
                     const box = rect.getBoundingClientRect();
                     return x >= box.left && x <= box.right && y >= box.top && y <= box.bottom;
                 });
-                return getComputedStyle(cell).fill.match(/\\d+/g).reduce((a, b) => a + Number(b), 0);
+                const [r, g, b] = getComputedStyle(cell).fill.match(/\\d+/g).map(Number);
+                return r + g + b;
             }"""
         )
     assert light["best"] > 400 > 250 > light["worst"]
@@ -506,3 +509,48 @@ def test_a_picture_for_a_column_of_85_mm_in_two_actions(hand, tmp_path):
                 picture.convert("RGBA").getpixel((2, y)) for y in (2, picture.height - 3)
             )
         assert (sky[3] == 0) == (ground[3] == 0) == (kind == "clear85")
+
+
+# -- guided starts
+# --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def started():
+    """The address of what `cartstiff view` serves without a mechanism."""
+    command = [sys.executable, "-m", "cartstiff", "view", "--no-open", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        said = process.stdout.readline()
+        yield said.split(": ", 1)[1].split(" ")[0]
+        process.terminate()
+
+
+def test_guided_starts_are_reached_from_an_empty_view(started, pages):
+    """Each step shows the part that it is about; the numbers are those of its load."""
+    for number, name in enumerate(("ur5", "hexapod", "cable-robot")):
+        page = pages.open(started)
+        guide = page.evaluate("() => window.cartstiff.hello.guides")[number]
+        assert guide["mechanism"] == name
+        start = page.locator("dialog[open] .start").nth(number)
+        assert guide["title"] in start.inner_text()
+        start.click()
+        page.wait_for_selector(".guide-card")
+        hand = Hand(page)
+        for step in guide["steps"]:
+            settled(page)
+            assert hand.reads(".guide-card p[role=status]") == step["words"]
+            assert page.locator(f"{step['reveal']}.guided").is_visible()
+            hand.click(".guide-card .primary")
+        assert page.locator(".guide-card, .guided").count() == 0
+        load = {key: guide["steps"][0]["state"][key] for key in ("load", "load_axes")}
+        q = page.evaluate("() => window.cartstiff.numbers.result.q")
+        found = cartstiff.analyse(
+            cartstiff.load(name), q, wrench=load["load"], load_axes=load["load_axes"]
+        )
+        way = np.linalg.norm(np.linalg.solve(found.tangent, found.wrench)[3:])
+        moved = page.evaluate("() => window.cartstiff.numbers.moved.displacement")
+        assert np.linalg.norm(moved) == pytest.approx(way, rel=1e-6)
+        # Mechanisms of the other starts are not compared with.
+        assert page.evaluate("() => window.cartstiff.rows.length") == 0
+        page.context.close()

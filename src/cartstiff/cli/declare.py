@@ -83,11 +83,14 @@ class Overrides:
     """Fields of a dataclass that a command does not take, and its own help of others.
 
     `because` says why the former have no meaning for the command: they are refused with
-    it.
+    it. The argument `optional` may be left out, and is then empty.
     """
 
-    def __init__(self, without: str = "", *, because: str = "", **words: str) -> None:
+    def __init__(
+        self, without: str = "", *, because: str = "", optional: str = "", **words: str
+    ) -> None:
         self.without, self.because, self.words = without.split(), because, words
+        self.optional = optional
 
 
 def add_once(values: dict[str, Any], name: str, value: object, where: str) -> None:
@@ -425,7 +428,10 @@ class Command(click.Command):
             self._exclusive += vars(part).get("EXCLUSIVE", ())
             self._rare += vars(part).get("RARE", "").split()
             rules |= vars(part).get("NEEDS", {})
-        return _parameters(kind, own, taken.words)
+        for parameter in _parameters(kind, own, taken.words):
+            if parameter.name == taken.optional:
+                parameter.required, parameter.default = False, ""
+            yield parameter
 
     def _keep_rules(
         self, params: Iterable[click.Parameter], needs: Mapping[str, str]

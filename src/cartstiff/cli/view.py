@@ -139,7 +139,7 @@ _MAX_OTHERS = 3
 
 @declared("view", api=("page/server.py serve",))
 def command(
-    setup: BalancedSetup,
+    setup: Annotated[BalancedSetup, Overrides(optional="mechanism")],
     shown: Shown,
     others: tuple[str, ...] = (),
     *,
@@ -148,6 +148,9 @@ def command(
     no_open: bool = False,
 ) -> None:
     """Serve a page on which MECHANISM moves and shows its stiffness; ends with Ctrl-C.
+
+    Without MECHANISM the page offers three guided starts of a minute each: an arm under a
+    drilling load, a hexapod under a cutting force, a cable robot.
 
     Up to three OTHER mechanisms are shown beside it, with the same options: their numbers
     as ratios, their pictures at one scale and under one camera.
@@ -171,6 +174,7 @@ def command(
 
     Examples
     --------
+    cartstiff view
     cartstiff view ur5
     cartstiff view ur5 --load 0,0,0,0,0,-100 --trajectory postures.csv
     cartstiff view stewart-gough --port 8080 --no-open
@@ -184,19 +188,35 @@ def command(
             got=1 + len(others),
             expected=f"at most {1 + _MAX_OTHERS}",
         )
-    source, *beside = (
-        shown.source(replace(setup, mechanism=name))
-        for name in (setup.mechanism, *others)
-    )
     api, server = (_needing(name, "a page in the browser") for name in ("api", "server"))
+    source, *beside = _sources(setup, shown, others)
+    more: dict[str, Any] = {"beside": beside}
+    names = ", ".join(one.elastic.name for one in (source, *beside))
+    if not setup.mechanism:
+        more["guides"] = _needing("guides", "a page in the browser").guides_in_words()
+        names = "guided starts"
 
     def ready(url: str) -> None:
-        names = ", ".join(one.elastic.name for one in (source, *beside))
         say(joined([f"{names}: {url}  (Ctrl-C ends)"]))
         if not no_open:
             api.open_page(url)
 
-    server.serve(source, host=host, port=port, ready=ready, last=True, beside=beside)
+    server.serve(source, host=host, port=port, ready=ready, last=True, **more)
+
+
+def _sources(setup: Setup, shown: Shown, others: tuple[str, ...]) -> list[Any]:
+    """What the page shows: mechanisms, or without one those of the guided starts."""
+    if setup.mechanism:
+        return [
+            shown.source(replace(setup, mechanism=name))
+            for name in (setup.mechanism, *others)
+        ]
+    if (setup, shown) != (type(setup)(""), Shown()):
+        raise InputError(
+            "these options are about a mechanism", where="view", expected="MECHANISM"
+        )
+    sources: list[Any] = _needing("guides", "a page in the browser").guided_sources()
+    return sources
 
 
 @declared("export")

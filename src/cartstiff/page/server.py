@@ -339,7 +339,9 @@ class TabSocket(Guarded, WebSocketHandler):
             await asyncio.shield(self._page.prepared)
             source = self._page.source_of(self.number)
             names = [one.elastic.name for one in (self._page.source, *self._page.beside)]
-            facts = {"mechanisms": names, "number": self.number}
+            facts: dict[str, Any] = {"mechanisms": names, "number": self.number}
+            if self._page.guides:
+                facts["guides"] = self._page.guides
             self._session = Session(source, self._page.picture, facts)
             await self._send(self._session.hello(with_numbers=True))
             if self._session.drawn is not None:
@@ -589,6 +591,9 @@ class PageServer:
         Makes the picture of a mechanism; for tests.
     beside : sequence of Source
         Mechanisms that the page sets beside the first.
+    guides : sequence of dict
+        Guided starts, one at each mechanism, which are then not beside each other; see
+        `cartstiff.page.guides`.
 
     Raises
     ------
@@ -605,10 +610,12 @@ class PageServer:
         token: str | None = None,
         picture: Any = None,
         beside: Sequence[Source] = (),
+        guides: Sequence[dict[str, Any]] = (),
     ) -> None:
         from cartstiff.page.picture import PageScene
 
         self.source, self.beside = source, tuple(beside)
+        self.guides = list(guides)
         self.picture = picture or PageScene
         self.tabs: set[TabSocket] = set()
         loop = asyncio.get_running_loop()
@@ -688,7 +695,7 @@ def serve(
     port: int = 0,
     ready: Callable[[str], object] = print,
     last: bool = False,
-    beside: Sequence[Source] = (),
+    **more: Any,
 ) -> None:
     """Serve until Ctrl-C (or a request to terminate).
 
@@ -705,8 +712,8 @@ def serve(
         Told the page's address once it answers.
     last : bool
         Whether the process ends afterwards: an impatient second Ctrl-C then does nothing.
-    beside : sequence of Source
-        Mechanisms that the page sets beside the first.
+    more
+        As in `PageServer`: `beside`, `guides`.
 
     Raises
     ------
@@ -721,7 +728,7 @@ def serve(
             with suppress(InputError):
                 _listening(host, USUAL_PORT).close()
                 port = USUAL_PORT
-        page = Background(source, host=host, port=port, beside=beside)
+        page = Background(source, host=host, port=port, **more)
         ready(page.url)
         end.wait()
         page.close()

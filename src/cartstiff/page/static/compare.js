@@ -272,7 +272,8 @@ export function compareCard(store) {
   }
 
   let before = "";
-  store.on("hello", ({ mechanism, mechanisms = [], number = 0 }) => {
+  store.on("hello", ({ mechanism, mechanisms: named = [], number = 0, guides }) => {
+    const mechanisms = guides ? [] : named; // those of other guided starts are not beside this one
     const now = `${mechanism.name} ${mechanism.frame}`;
     if (now !== before) {
       before = now;

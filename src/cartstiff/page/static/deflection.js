@@ -29,13 +29,45 @@ function assumptions(store, moved) {
   return `${held}${load} at ${at}: ${result.load.meaning}. ${weighed}. To first order.`;
 }
 
-/** Go to the better posture that Python finds; resolves with what it says of it. */
-async function better(store) {
-  const { q, words } = await store.ask({ do: "better" });
-  if (!q) return words.join(" ");
-  store.goTo(q);
-  store.follow();
-  return [...words, "(u goes back.)"].join(" ");
+/** The better posture that Python finds, as a pale second mechanism, with what gets worse: to be taken or left. */
+function betterPosture(store) {
+  const words = el("p", { class: "fact found", role: "status" });
+  const take = button("Take it", () => {
+    const { q } = offered;
+    leave();
+    store.goTo(q);
+    store.follow();
+  }, { class: "primary" });
+  const row = el("div", { class: "row offer", hidden: true }, take, button("Leave it", () => leave()),
+    el("span", { class: "dim small" }, "pale in the picture"));
+  let offered = null;
+
+  function leave() {
+    [offered, row.hidden, words.textContent] = [null, true, ""];
+    store.apply({ ghost: store.kept[0]?.state.q.slice() ?? null });
+  }
+
+  async function ask() {
+    const { q, words: said } = await store.ask({ do: "better" });
+    if (q) store.apply({ ghost: q });
+    [offered, row.hidden] = [q ? { q } : null, !q];
+    words.textContent = plainly(said.join(" "));
+  }
+
+  const search = button("Better posture", async () => {
+    search.disabled = true;
+    await ask().catch(({ message }) => { words.textContent = message; });
+    search.disabled = false;
+  }, { class: "quiet",
+    title: "A posture nearby at which the load moves the tip less, while the tip stays where it is" });
+  // It is one of the state that it was sought for.
+  store.on("state", (patch) => {
+    if ("ghost" in patch && Object.keys(patch).length === 1) return;
+    words.textContent = "";
+    if (offered) Object.assign(store.state, { ghost: store.kept[0]?.state.q.slice() ?? null });
+    [offered, row.hidden] = [null, true];
+  });
+  return { search, node: el("div", {}, words, row) };
 }
 
 /** The load as the first control: a size, and directions. */
@@ -77,19 +109,11 @@ export function deflectionPanel(store) {
     settled.textContent = plainly(found.settled);
     settled.hidden = false;
   }
-  const [softest, doubt, found, advice] = ["softest", "doubt", "found", "advice"]
-    .map((name) => el("p", { class: `fact ${name}` }));
-  const search = button("Better posture", async () => {
-    search.disabled = true;
-    const words = await better(store).catch(({ message }) => message);
-    search.disabled = false;
-    found.textContent = plainly(words);
-  }, { class: "quiet",
-    title: "A posture nearby at which the load moves the tip less, while the tip stays where it is" });
-  store.on("state", () => { found.textContent = ""; });
+  const [softest, doubt, advice] = ["softest", "doubt", "advice"].map((name) => el("p", { class: `fact ${name}` }));
+  const { search, node: offer } = betterPosture(store);
   byId("right").append(el("div", { class: "card moved-card" },
     el("div", { class: "row head" }, title, el("span", { class: "grow" }), search, play),
-    first, head, advice, factor, settled, found, bars, softest, doubt, detail, line));
+    first, head, advice, factor, settled, offer, bars, softest, doubt, detail, line));
 
   /** What is true with a load or without: the softest direction, how sure the springs are. */
   function facts() {

@@ -6,6 +6,7 @@ import { deflectionPanel } from "./deflection.js";
 import { enoughCard } from "./enough.js";
 import { all, button, byId, el, loaded } from "./dom.js";
 import { restore } from "./filters.js";
+import { guides } from "./guide.js";
 import { hands } from "./hands.js";
 import { shortcuts } from "./help.js";
 import { legendBox } from "./legend.js";
@@ -50,6 +51,7 @@ function build(source) {
   const parts = { pose, matrix, give, hands: held };
   shortcuts(store, parts);
   parts.strip = strip(store);
+  guides(store);
   banners(store, source);
   for (const card of document.querySelectorAll(".card:not(details, .moved-card)")) foldable(card);
   store.on("hello", () => source.moves || fix());

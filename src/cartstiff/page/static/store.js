@@ -39,6 +39,7 @@ export class Store extends EventTarget {
     this.lastTime = 0; // of a step
     this.plot = null; // what the plot shows
     this.isPlaying = false; // whether the picture moves by itself
+    this.showPlot = (_change) => {}; // shows something else
     this.trace = null; // what the colours of its way in the picture say
     source.onanswer = (data, commands) => this.receive(data, commands);
     source.onlost = () => this.lost();

@@ -464,6 +464,7 @@ export function strip(store) {
     showPlot(wishes);
   }
   store.on("replot", replot);
+  store.showPlot = showPlot;
   const redraw = () => {
     draw();
     map.draw();
