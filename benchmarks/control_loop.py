@@ -24,7 +24,7 @@ import numpy as np
 from posture import Arm, machine
 
 import cartstiff
-from cartstiff.loading.catalogue import example_robot
+from cartstiff.files.catalogue import example_robot
 
 CALLS, TURN, POSTURES = 50_000, 500, 1000
 #: Allowed: median, and slowest call of a thousand, as shares of the lean function's own.

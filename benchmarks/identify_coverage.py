@@ -29,9 +29,9 @@ import numpy as np
 
 import cartstiff
 from cartstiff.identify import identify
-from cartstiff.identify.models import Model
-from cartstiff.identify.plan import candidates
-from cartstiff.identify.unknowns import unknowns_of
+from cartstiff.wings.identify.models import Model
+from cartstiff.wings.identify.plan import candidates
+from cartstiff.wings.identify.unknowns import unknowns_of
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.identify.campaigns import arm as arm_file

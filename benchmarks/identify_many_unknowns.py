@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 from cartstiff.identify import identify
-from cartstiff.identify.unknowns import unknowns_of
+from cartstiff.wings.identify.unknowns import unknowns_of
 
 
 def main(rows: int = 100) -> None:

@@ -17,10 +17,10 @@ import llvmlite.binding as llvm
 import numpy as np
 
 import cartstiff
-from cartstiff.batch.execution import lanes
-from cartstiff.batch.plans import plan, program_for
-from cartstiff.batch.tape import Program
-from cartstiff.batch.vector_code import LONGEST, vector_code
+from cartstiff.recorded.execution import lanes
+from cartstiff.recorded.plans import plan, program_for
+from cartstiff.recorded.tape import Program
+from cartstiff.recorded.vector_code import LONGEST, vector_code
 
 OUTPUTS = ("jacobian", "wrench", *(f"stiffness_{c}" for c in "ABKF"))
 REST = [0.1, -0.7, 0.9, 0.2, 0.4, -0.3]

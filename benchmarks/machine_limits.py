@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.batch.arguments import aligned_empty
-from cartstiff.batch.execution import _binding, lanes
+from cartstiff.recorded.arguments import aligned_empty
+from cartstiff.recorded.execution import _binding, lanes
 
 # Independent chains of multiply-adds, which hide the latency of each.
 _CHAINS = 12

@@ -31,10 +31,10 @@ from machine_limits import Machine, cache_size
 
 import cartstiff
 from cartstiff import ElasticMechanism, JointSprings, analyse_many
-from cartstiff.batch.plans import plan, program_for
-from cartstiff.loading.catalogue import example_robot
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff.core.mechanisms.chain import Chain
+from cartstiff.files.catalogue import example_robot
+from cartstiff.files.tree_building import plain_tree
+from cartstiff.recorded.plans import plan, program_for
 
 Array = np.ndarray
 OUTPUTS = ("jacobian", "wrench", "stiffness_A", "stiffness_B", "stiffness_K", "stiffness_F")

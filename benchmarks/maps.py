@@ -21,11 +21,11 @@ from machine_limits import cache_size
 
 import cartstiff
 from cartstiff import analyse_many
-from cartstiff.batch.own_outputs import OwnOutputs
-from cartstiff.batch.quantities import Settings, choose_quantities
-from cartstiff.batch.readings import READINGS
-from cartstiff.batch.recording import Recording
-from cartstiff.batch.stacks import evaluate
+from cartstiff.recorded.own_outputs import OwnOutputs
+from cartstiff.recorded.quantities import Settings, choose_quantities
+from cartstiff.recorded.readings import READINGS
+from cartstiff.recorded.recording import Recording
+from cartstiff.recorded.stacks import evaluate
 
 QUANTITIES = ("translation_free_min", "condition", "deflection")
 DEFLECT = (0.0, 0.0, 0.0, 0.0, 0.0, -50.0)

@@ -21,10 +21,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import cartstiff
-from cartstiff.page.messages import read_message
-from cartstiff.page.server import Background
-from cartstiff.page.session import Session
-from cartstiff.page.source import Source
+from cartstiff.shown.page.messages import read_message
+from cartstiff.shown.page.server import Background
+from cartstiff.shown.page.session import Session
+from cartstiff.shown.page.source import Source
 
 #: Updates a second that are required, without a browser, where the lean loop takes 30 us.
 MECHANISMS = {

@@ -24,9 +24,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tools.screenshot import launch, ready, settled
 
 import cartstiff
-from cartstiff.page.export import export_page
-from cartstiff.page.server import Background
-from cartstiff.page.source import Source
+from cartstiff.shown.page.export import export_page
+from cartstiff.shown.page.server import Background
+from cartstiff.shown.page.source import Source
 
 SIZE = {"width": 1280, "height": 720}
 LOAD = "#load=0,0,0,0,0,-100&load_axes=inertial"

@@ -28,7 +28,7 @@ import pinocchio as pin
 from ruamel.yaml import YAML
 
 import cartstiff
-from cartstiff.loading.catalogue import bundled_files, example_robot
+from cartstiff.files.catalogue import bundled_files, example_robot
 
 ROUNDS = 9
 POSTURES = 100
@@ -400,7 +400,7 @@ def rest_under_load() -> None:
     from scipy.optimize import minimize
 
     from cartstiff import DeadForce, equilibrium
-    from cartstiff.stiffness.balance import with_rest_balancing
+    from cartstiff.core.stiffness.balance import with_rest_balancing
 
     arm_at_rest = cartstiff.load("ur5")
     arm_at_rest = with_rest_balancing(arm_at_rest, arm_at_rest.q)

@@ -13,7 +13,7 @@ import numpy as np
 
 import cartstiff
 from cartstiff import analyse_many
-from cartstiff.potentials.flexure_struts import FlexureStruts
+from cartstiff.files.struts.flexure_struts import FlexureStruts
 
 MECHANISMS = (
     "ur5",

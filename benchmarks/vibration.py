@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 import cartstiff
-from cartstiff.batch.vibrations import ManyModes
+from cartstiff.recorded.vibrations import ManyModes
 from cartstiff.vibration import frequency_response
 
 ROUNDS = 9

@@ -10,11 +10,11 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from cartstiff import numerics
-from cartstiff.errors import InputError, one_line
-from cartstiff.geometry.se3 import Array
-from cartstiff.loading.schema import Number, Positive, Text, only_one
-from cartstiff.loading.yaml_file import read_yaml
+from cartstiff.core import numerics
+from cartstiff.core.errors import InputError, one_line
+from cartstiff.core.geometry.se3 import Array
+from cartstiff.files.schema import Number, Positive, Text, only_one
+from cartstiff.files.yaml_file import read_yaml
 
 #: How close to a stored value its own tool must come, relative to the largest entry.
 SAME = numerics.NEGLIGIBLE_DIFFERENCE

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cartstiff import InputError
-from cartstiff.errors import one_line
+from cartstiff.core.errors import one_line
 from cases.case import Asked, Case
 
 #: Name of an asked value to what the tool gives for it; what it does not offer is left out.

@@ -16,9 +16,9 @@ import click
 import yaml
 
 import cartstiff
-from cartstiff.cli.main import _COMMANDS
-from cartstiff.cli.main import command as group
-from cartstiff.lazily import HOMES
+from cartstiff.core.lazily import HOMES
+from cartstiff.shown.cli.main import _COMMANDS
+from cartstiff.shown.cli.main import command as group
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = Path(__file__).with_name("surface.yaml")
@@ -43,8 +43,8 @@ def options() -> dict[str, list[str]]:
 
 def _models() -> Iterator[type]:
     """Pydantic models of mechanism files and studies."""
-    from cartstiff.designs import study
-    from cartstiff.loading import leg_schema, platform_schema, schema
+    from cartstiff.files import leg_schema, platform_schema, schema
+    from cartstiff.wings.maps.designs import study
 
     for module in (schema, platform_schema, leg_schema, study):
         for thing in vars(module).values():
@@ -65,7 +65,7 @@ def file_keys() -> list[str]:
 
 def json_keys() -> dict[str, list[str]]:
     """Keys of the JSON of each command, by dotted name."""
-    from cartstiff.described import TABLES, kinds_of
+    from cartstiff.core.described import TABLES, kinds_of
 
     parts = ("analysis.", "answer.")  # tables of their own
     return {

@@ -145,7 +145,7 @@ def _needs() -> dict[str, set[str]]:
 def test_no_file_needs_itself():
     files = {name for name, path in FILES.items() if path.name != "__init__.py"}
     needs = {name: found & files for name, found in _needs().items() if name in files}
-    assert needs["cartstiff.geometry.charts"] >= {"cartstiff.geometry.se3"}
+    assert needs["cartstiff.core.geometry.charts"] >= {"cartstiff.geometry.se3"}
     assert _circles({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == [{"b", "c"}]
     assert not _circles(needs)
 
@@ -199,7 +199,7 @@ def test_heavy_packages_have_owners():
 def test_the_reader_of_imports_sees_them():
     """The walker finds imports inside functions and relative ones."""
     found = {m for _, m in _imports(PACKAGE / "potentials" / "spring_laws.py")}
-    assert "cartstiff.errors" in found
+    assert "cartstiff.core.errors" in found
     assert "scipy.interpolate" in found  # imported inside a function
     names = {m for p, f in MODULES if p == "mechanisms" for _, m in _imports(f)}
     assert "pinocchio" in names
@@ -209,7 +209,7 @@ def test_import_is_light():
     """In a fresh interpreter: nothing heavy comes along with the package or a command's --help."""
     code = (
         "import sys, json; from importlib import import_module; before = set(sys.modules); "
-        "from cartstiff.cli.main import _COMMANDS; "
+        "from cartstiff.shown.cli.main import _COMMANDS; "
         "[import_module(module) for module, _ in _COMMANDS.values()]; "
         "print(json.dumps(sorted(set(sys.modules) - before)))"
     )
@@ -228,11 +228,11 @@ def test_import_is_light():
 def modules_and_models(name):
     """Modules that a first answer imports, and models of files that it builds."""
     code = (
-        "import sys, json; from cartstiff.cli.main import main\n"
+        "import sys, json; from cartstiff.shown.cli.main import main\n"
         f"try: main(['analyse', {str(name)!r}, '--json'])\n"
         "except SystemExit: pass\n"
         "modules = sorted(sys.modules)\n"
-        "from cartstiff.loading import schema\n"
+        "from cartstiff.files import schema\n"
         "models = [m.__name__ for m in schema._models(schema.FileModel)\n"
         "          if m.__pydantic_complete__]\n"
         "print(json.dumps([modules, models]))"
@@ -251,12 +251,27 @@ def test_a_posture_without_a_load_starts_with_little(tmp_path):
     file = tmp_path / "arm.yaml"
     file.write_text("kind: serial\nmodel: ur5\npassive: []\nlocked: {elbow_joint: 1.0}\n")
     assert {"SerialFile"} == set(modules_and_models(file)[1])
-    needless = ("cartstiff.page", "cartstiff.statics", "cartstiff.scene", "cartstiff.batch")
-    needless += ("cartstiff.report.analysis", "scipy", "ruamel", "tornado", "pydantic.type_adapter")
-    needless += ("cartstiff.analysis.congruence", "cartstiff.analysis.deflection")
-    needless += ("cartstiff.potentials.loads", "cartstiff.potentials.line_springs", "subprocess")
-    needless += ("cartstiff.mechanisms.identified", "cartstiff.mechanisms.shapes")
-    needless += ("cartstiff.mechanisms.leg_shapes", "cartstiff.loading.findings")
+    needless = (
+        "cartstiff.shown.page",
+        "cartstiff.core.statics",
+        "cartstiff.scene",
+        "cartstiff.recorded",
+    )
+    needless += (
+        "cartstiff.shown.report.analysis",
+        "scipy",
+        "ruamel",
+        "tornado",
+        "pydantic.type_adapter",
+    )
+    needless += ("cartstiff.answer.analysis.congruence", "cartstiff.answer.analysis.deflection")
+    needless += (
+        "cartstiff.core.potentials.loads",
+        "cartstiff.core.potentials.line_springs",
+        "subprocess",
+    )
+    needless += ("cartstiff.core.mechanisms.identified", "cartstiff.core.mechanisms.shapes")
+    needless += ("cartstiff.core.mechanisms.leg_shapes", "cartstiff.files.findings")
     assert [m for m in modules if m.startswith(needless)] == []
 
 
@@ -287,7 +302,7 @@ def test_a_posture_passes_the_packages_of_the_page():
     command = re.search(r"`cartstiff (analyse [^`]*)`", table)
     code = (
         "import inspect, sys, json; from pathlib import Path; import cartstiff\n"
-        "from cartstiff.cli.main import main\n"
+        "from cartstiff.shown.cli.main import main\n"
         "base, seen = Path(cartstiff.__file__).parent, set()\n"
         "def see(frame, event, _):\n"
         "    file, flags = frame.f_code.co_filename, frame.f_code.co_flags\n"

@@ -17,7 +17,7 @@ MOST_INNER = 418
 #: Files of tests that use them: those of the room itself, and the drivers in `support`.
 MOST_FILES = 185
 #: Modules beside `cartstiff` whose names everybody may use.
-PUBLIC = {"cartstiff.errors", *(f"cartstiff.{home}" for home in surface.HOMES)}
+PUBLIC = {"cartstiff.core.errors", *(f"cartstiff.{home}" for home in surface.HOMES)}
 
 
 def test_no_new_import_passes_the_doors() -> None:

@@ -1,4 +1,4 @@
-"""Every threshold stands in `cartstiff.numerics`, with its reason; nobody has an own one."""
+"""Every threshold stands in `cartstiff.core.numerics`, with its reason; nobody has an own one."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ PACKAGE = Path(cartstiff.__file__).parent
 #: Smaller numbers, and larger ones, are thresholds, unless they stand here with their reason.
 SMALL, LARGE = 1e-3, 1e5
 ALLOWED = {
-    "cli/view.py": "bytes to megabytes",
-    "loading/postures.py": "joints without limits",
-    "loading/pinocchio_model.py": "efforts that stand for none",
-    "loading/mesh_worker.py": "metres of which no robot has so many",
-    "loading/mjcf/worker.py": "a mass in kg that stands for none",
-    "loading/visuals.py": "metres of which no robot has so many",
-    "batch/algebra.py": "the largest angle that the sine of the fast code takes",
-    "batch/vector_code.py": "coefficients of sine and cosine",
-    "mechanisms/tree.py": "limits that stand for none",
-    "page/api.py": "bytes to megabytes",
-    "identify/measurements.py": "metres that no robot moves under a newton",
-    "identify/identification.py": "the error of a zero whose effect is reported",
-    "choices.py": "the largest number that is taken",
-    "scene/arrows.py": "the smallest loads and motions that are drawn",
-    "scene/ellipsoids.py": "the thinnest body that is drawn",
-    "scene/appearance.py": "the largest exaggeration that is drawn",
-    "scene/environment.py": "units",
-    "units.py": "units",
-    "statics/newton.py": "the longest step: no bound",
+    "shown/cli/view.py": "bytes to megabytes",
+    "files/postures.py": "joints without limits",
+    "files/pinocchio_model.py": "efforts that stand for none",
+    "files/mesh_worker.py": "metres of which no robot has so many",
+    "files/mjcf/worker.py": "a mass in kg that stands for none",
+    "files/visuals.py": "metres of which no robot has so many",
+    "recorded/algebra.py": "the largest angle that the sine of the fast code takes",
+    "recorded/vector_code.py": "coefficients of sine and cosine",
+    "core/mechanisms/tree.py": "limits that stand for none",
+    "shown/page/api.py": "bytes to megabytes",
+    "wings/identify/measurements.py": "metres that no robot moves under a newton",
+    "wings/identify/identification.py": "the error of a zero whose effect is reported",
+    "core/choices.py": "the largest number that is taken",
+    "shown/scene/arrows.py": "the smallest loads and motions that are drawn",
+    "shown/scene/ellipsoids.py": "the thinnest body that is drawn",
+    "shown/scene/appearance.py": "the largest exaggeration that is drawn",
+    "shown/scene/environment.py": "units",
+    "core/units.py": "units",
+    "core/statics/newton.py": "the longest step: no bound",
 }
 FILES = sorted(p.relative_to(PACKAGE).as_posix() for p in PACKAGE.rglob("*.py"))
 
@@ -56,7 +56,7 @@ def test_no_module_has_a_threshold_of_its_own():
         if not name.startswith("numerics/")
     }
     wrong = {name: lines for name, lines in found.items() if lines and name not in ALLOWED}
-    assert not wrong, f"name the numbers on these lines in cartstiff.numerics: {wrong}"
+    assert not wrong, f"name the numbers on these lines in cartstiff.core.numerics: {wrong}"
     needless = [name for name in ALLOWED if not found.get(name)]
     assert not needless, f"these need no exception any more: {needless}"
 

@@ -473,7 +473,7 @@ def run(source: Path, output: Path, only: list[str]) -> None:
 def work(output: Path, share: int, count: int, only: list[str]) -> None:
     """Run every `count`-th command, each in a forked process, so that none changes another."""
     import cartstiff
-    from cartstiff.cli.main import _COMMANDS, command
+    from cartstiff.shown.cli.main import _COMMANDS, command
 
     for name in _COMMANDS:
         command.get_command(None, name)  # type: ignore[arg-type]
@@ -511,7 +511,7 @@ def _in_a_fork(folder: Path, step: int, words: list[str]) -> None:
                 redirect_stdout(stdout),
                 redirect_stderr(stderr),
             ):
-                from cartstiff.cli.main import main
+                from cartstiff.shown.cli.main import main
 
                 try:
                     main(said)
@@ -764,7 +764,7 @@ def unused_options() -> dict[str, list[str]]:
     """The options of each command that no line uses; a port and a scheduler are never the same."""
     import click
 
-    from cartstiff.cli.main import _COMMANDS, command
+    from cartstiff.shown.cli.main import _COMMANDS, command
 
     used: dict[str, set[str]] = {name: {"--port", "--dask", "--help-all"} for name in _COMMANDS}
     for steps in lines():

@@ -165,7 +165,7 @@ def option(rng: random.Random) -> str:
     """A command with some of its options, files that it reads, and values that fit or do not."""
     import click
 
-    from cartstiff.cli.main import command as group
+    from cartstiff.shown.cli.main import command as group
 
     context = click.Context(group)
     known = [name for name in group.list_commands(context) if name not in _NEVER]

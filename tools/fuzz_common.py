@@ -208,7 +208,7 @@ def mutated_xml(rng: random.Random, text: str) -> bytes:
 
 def command(words: list[str]) -> tuple[int, str, str]:
     """Exit code and output of the command line, judged by its contract."""
-    from cartstiff.cli.main import main
+    from cartstiff.shown.cli.main import main
 
     out, errors = io.StringIO(), io.StringIO()
     words = [word.replace("\0", "") for word in words]

@@ -23,9 +23,9 @@ import numpy as np
 
 import cartstiff
 from cartstiff import CartstiffError
-from cartstiff.loading.catalogue import bundled_folder, example_robot
+from cartstiff.files.catalogue import bundled_folder, example_robot
 from cartstiff.maps import Axis, Grid
-from cartstiff.maps.run import prepare_map, run_map
+from cartstiff.wings.maps.run import prepare_map, run_map
 
 BUNDLED = [
     *("3-prs", "3-rrr", "6-pus", "6-rus", "6-ups", "cable-robot", "cubic", "delta", "five-bar"),

@@ -139,8 +139,8 @@ def call(rng: random.Random) -> str:
 
 @cache
 def _session(name: str) -> Any:
-    from cartstiff.page.session import Session
-    from cartstiff.page.source import Source
+    from cartstiff.shown.page.session import Session
+    from cartstiff.shown.page.source import Source
 
     return Session(Source(_loaded(name)))
 
@@ -148,7 +148,7 @@ def _session(name: str) -> Any:
 def message(rng: random.Random) -> str:
     """A message to the page's session, whole or damaged."""
     from cartstiff import CartstiffError
-    from cartstiff.page.messages import Export, Series, Sweep, read_message
+    from cartstiff.shown.page.messages import Export, Series, Sweep, read_message
 
     session = _session(rng.choice(["cubic", "ur5", "five-bar"]))
     n = len(session.elastic.names)

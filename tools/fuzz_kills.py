@@ -152,7 +152,7 @@ def watch(at: int, most: int) -> None:
 
 def run_command(words: list[str]) -> int:
     """Exit code of the command line."""
-    from cartstiff.cli.main import main as command_line
+    from cartstiff.shown.cli.main import main as command_line
 
     try:
         command_line(words)

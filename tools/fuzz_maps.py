@@ -82,8 +82,8 @@ def map_file(rng: random.Random) -> str:
 
 def resealed(folder: Path) -> None:
     """Write the checksums that fit what a crafted folder holds now."""
-    from cartstiff.maps.sealed import seal
-    from cartstiff.maps.store import CHECKSUM, _description_checksum
+    from cartstiff.wings.maps.sealed import seal
+    from cartstiff.wings.maps.store import CHECKSUM, _description_checksum
 
     root = json.loads((folder / "zarr.json").read_text())
     about = root["consolidated_metadata"]["metadata"]["parts"]["attributes"]
@@ -108,8 +108,8 @@ def crafted_map(rng: random.Random) -> str:
     import cartstiff
     from cartstiff import CartstiffError
     from cartstiff.maps import RandomPostures, compute_map, open_map
-    from cartstiff.page.source import read_cloud
-    from cartstiff.report.maps import map_section
+    from cartstiff.shown.page.source import read_cloud
+    from cartstiff.shown.report.maps import map_section
 
     original, _ = whole_map()
     file = Path(tempfile.mkdtemp(prefix="crafted-")) / "m.zarr"

@@ -202,8 +202,8 @@ def _against_mujoco(rng: random.Random) -> str:
     """What a file means to MuJoCo: a changed file of many elements, or a tree of bodies."""
     from tools import mjcf_against_mujoco as tool
 
-    from cartstiff.cli.main import main  # noqa: F401  (its imports are not the input's)
-    from cartstiff.loading.mjcf import reading as mjcf
+    from cartstiff.files.mjcf import reading as mjcf
+    from cartstiff.shown.cli.main import main  # noqa: F401  (its imports are not the input's)
 
     text = tool.mutant(rng) if rng.random() < 0.6 else nudged_xml(rng, mjcf_text(rng)).decode()
     Path("r.xml").write_text(text, encoding="utf-8")

@@ -44,9 +44,9 @@ def looked_at(
 def address(name: str, exported: bool) -> Iterator[str]:
     """Where the page of a mechanism is, live or as a file."""
     import cartstiff
-    from cartstiff.page.export import export_page
-    from cartstiff.page.server import Background
-    from cartstiff.page.source import Source
+    from cartstiff.shown.page.export import export_page
+    from cartstiff.shown.page.server import Background
+    from cartstiff.shown.page.source import Source
 
     source = Source(cartstiff.load(name))
     if exported:
@@ -66,7 +66,7 @@ def main() -> int:
     """Look at the pages; 1 if there are faults."""
     from playwright.sync_api import sync_playwright
 
-    from cartstiff.loading.catalogue import bundled_files
+    from cartstiff.files.catalogue import bundled_files
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME")

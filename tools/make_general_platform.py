@@ -1,4 +1,4 @@
-"""Make `src/cartstiff/kinematics/general_platform.npz`: 40 solutions of a general platform.
+"""Make `src/cartstiff/wings/reach/general_platform.npz`: 40 solutions of a general platform.
 
 One solution is chosen first and the platform made for it; the others are found by monodromy: the
 platform is led around loops in the space of complex platforms, which exchange its solutions.
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cartstiff.kinematics import platform_assembly as study
+from cartstiff.wings.reach import platform_assembly as study
 
 _LOOPS = 60
 _SAME = 1e-6

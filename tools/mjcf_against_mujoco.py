@@ -30,12 +30,12 @@ import numpy as np
 
 import cartstiff
 from cartstiff import CartstiffError, InputError
-from cartstiff.loading.assembly import Part
-from cartstiff.loading.joints import cut
-from cartstiff.loading.mjcf import reading as mjcf
-from cartstiff.loading.mjcf import worker as mjcf_worker
-from cartstiff.loading.readers import read_robot_description
-from cartstiff.loading.schema import SerialFile
+from cartstiff.files.assembly import Part
+from cartstiff.files.joints import cut
+from cartstiff.files.mjcf import reading as mjcf
+from cartstiff.files.mjcf import worker as mjcf_worker
+from cartstiff.files.readers import read_robot_description
+from cartstiff.files.schema import SerialFile
 
 #: Chains of some ten products of matrices of doubles, in metres.
 ROUNDING = 1e-10

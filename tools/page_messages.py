@@ -1,6 +1,6 @@
 """The messages of a page as types: ``python tools/page_messages.py`` writes them.
 
-They are those of the models that `cartstiff.page.messages` reads. TypeScript checks by them what
+They are those of the models that `cartstiff.shown.page.messages` reads. TypeScript checks by them what
 the page's scripts send; a test holds the file to the models.
 """
 
@@ -11,12 +11,12 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 
-from cartstiff.page import messages
+from cartstiff.shown.page import messages
 
 TARGET = Path(__file__).resolve().parent / "page/messages.d.ts"
 
 _HEAD = """\
-// Written by `python tools/page_messages.py` from the models of `cartstiff.page.messages`, which
+// Written by `python tools/page_messages.py` from the models of `cartstiff.shown.page.messages`, which
 // read what a page sends: not to be changed by hand.
 """
 #: What the store adds to a question.

@@ -27,7 +27,7 @@ import pinocchio as pin
 
 import cartstiff
 from cartstiff import CartstiffError, ElasticMechanism
-from cartstiff.mechanisms.chain import Chain
+from cartstiff.core.mechanisms.chain import Chain
 
 # Poses of two programs that read the same decimal numbers.
 SAME, SHARE = 1e-9, 0.95

@@ -119,9 +119,9 @@ def main() -> None:
     from playwright.sync_api import sync_playwright
 
     import cartstiff
-    from cartstiff.page.server import Background
-    from cartstiff.page.source import Source
-    from cartstiff.writing import write_whole
+    from cartstiff.core.writing import write_whole
+    from cartstiff.shown.page.server import Background
+    from cartstiff.shown.page.source import Source
 
     server = Background(Source(cartstiff.load(MECHANISM)))
     try:

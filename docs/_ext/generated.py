@@ -40,12 +40,12 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective, SphinxRole
 
 import cartstiff
-from cartstiff.analysis.matrices import PURE
-from cartstiff.cli import main as cli
-from cartstiff.cli.declare import HELP_ALL
+from cartstiff.answer.analysis.matrices import PURE
+from cartstiff.shown.cli import main as cli
+from cartstiff.shown.cli.declare import HELP_ALL
 from cartstiff.extend import QUANTITIES, file_schema
 from cartstiff.extend import json_schema as output_schema
-from cartstiff.units import SI
+from cartstiff.core.units import SI
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"

@@ -6,7 +6,7 @@ importing the package costs nothing: until the command has set its signals, an i
 would print a traceback.
 """
 
-from cartstiff.lazily import public
+from cartstiff.core.lazily import public
 
 _look_up, __dir__ = public(globals())
 

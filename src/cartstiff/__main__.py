@@ -6,7 +6,7 @@ import _signal as signal  # type: ignore[import-not-found]  # `signal` itself lo
 # without a word.
 _before = signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from cartstiff.cli.main import main  # noqa: E402
+from cartstiff.shown.cli.main import main  # noqa: E402
 
 signal.signal(signal.SIGINT, _before)
 

@@ -4,6 +4,6 @@ schemas for other programs.
 The names in `extend.pyi` are loaded when first used.
 """
 
-from cartstiff.lazily import public
+from cartstiff.core.lazily import public
 
 __getattr__, __dir__ = public(globals())

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from tests.docs.blocks import ROOT
 
-import cartstiff.errors
+import cartstiff.core.errors
 
 SOURCES = ROOT / "src" / "cartstiff"
 # In the order of numpydoc.
@@ -29,9 +29,9 @@ SECTIONS = [
     "References",
     "Examples",
 ]
-ERRORS = {"DamageError"} | {  # that of cartstiff.maps.store
+ERRORS = {"DamageError"} | {  # that of cartstiff.wings.maps.store
     name
-    for module in (builtins, cartstiff.errors)
+    for module in (builtins, cartstiff.core.errors)
     for name, value in vars(module).items()
     if isinstance(value, type) and issubclass(value, BaseException)
 }

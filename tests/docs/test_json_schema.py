@@ -12,7 +12,7 @@ from tests.support.robots import bundled_files, example_robots
 import cartstiff
 from cartstiff import DeadForce, FollowerWrench, analyse_posture, equilibrium
 from cartstiff.analysis import Tolerances
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.extend import json_schema
 
 jsonschema = pytest.importorskip("jsonschema")

@@ -11,7 +11,7 @@ from tests.inner import answer_of
 HOSTILE = """
 import os, socket, subprocess, sys
 import numpy
-from cartstiff.child_process import serve
+from cartstiff.files.child_process import serve
 
 def tried(act):
     try:

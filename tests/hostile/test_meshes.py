@@ -15,7 +15,7 @@ from cartstiff import InputError
 
 READS_MESHES = """
 from pathlib import Path
-from cartstiff.loading.meshes import read_meshes
+from cartstiff.files.meshes import read_meshes
 def ask(paths):
     assert read_meshes([Path(path) for path in paths])
 """

@@ -78,7 +78,7 @@ def test_a_pipe_and_a_device_stay_what_they_are(tmp_path: Path) -> None:
 )
 def test_what_a_killed_process_left_is_removed_by_the_next_one(tmp_path: Path, begun: str) -> None:
     code = (
-        "import cartstiff.writing as w, os, signal, pathlib\n"
+        "import cartstiff.core.writing as w, os, signal, pathlib\n"
         "def held():\n"
         "    print('there', flush=True)\n"
         "    signal.pause()\n" + begun
@@ -178,7 +178,7 @@ def test_an_interrupt_while_it_starts_is_silent() -> None:
         "import os, runpy, signal, sys\n"
         "class Interrupt:\n"
         "    def find_spec(self, name, path=None, target=None):\n"
-        "        if name == 'cartstiff.cli.output':\n"
+        "        if name == 'cartstiff.shown.cli.output':\n"
         "            os.kill(os.getpid(), signal.SIGINT)\n"
         "sys.meta_path.insert(0, Interrupt())\n"
         "runpy.run_module('cartstiff', run_name='__main__')\n"

@@ -140,7 +140,7 @@ def _five_bar(folder, name, law, k):
                 "kind": "closed-chain",
                 "frame": "tip",
                 "actuated": ["left_motor", "right_motor"],
-                "model": str(cartstiff.loading.catalogue.bundled("five-bar").with_suffix(".urdf")),
+                "model": str(cartstiff.files.catalogue.bundled("five-bar").with_suffix(".urdf")),
                 "closures": [{"frames": ["tip", "right_tip"], "type": "point"}],
                 "q": dict(zip(loop.names, loop.q.tolist(), strict=True)),
                 "springs": {"left_motor": {"polynomial": law}, "right_motor": {"stiffness": k}},

@@ -18,7 +18,7 @@ from tests.inner import (
 )
 
 from cartstiff import InputError, UndefinedError
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 
 K = np.diag([1.0, 2.0, 3.0, 10.0, 20.0, 30.0])
 J = np.eye(6)

@@ -9,7 +9,7 @@ from tests.inner import LabelledResult, read_yaml
 
 import cartstiff
 from cartstiff import InputError
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.extend import Mechanism, Potential
 
 GOOD = [0.1, -1.0, 1.2, 0.3, 0.9, 0.2]
@@ -95,7 +95,9 @@ def test_error_carries_its_parts():
 
 @pytest.mark.parametrize("frame", [1.0, [], {}, True, b"tool0"])
 def test_a_frame_is_a_name(frame):
-    with pytest.raises(cartstiff.errors.InputError, match="frame is not a name; expected text"):
+    with pytest.raises(
+        cartstiff.core.errors.InputError, match="frame is not a name; expected text"
+    ):
         cartstiff.load("cubic", frame=frame)
 
 

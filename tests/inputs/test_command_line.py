@@ -106,7 +106,7 @@ CRASHERS = {
 #: One command after the other; the sum of their exit codes.
 EACH = """
 import sys
-from cartstiff.cli.main import main
+from cartstiff.shown.cli.main import main
 total = 0
 for name in sys.argv[1:]:
     try:

@@ -1,6 +1,6 @@
 """Every key of the mechanism file acts: another value gives another result, or is refused.
 
-The keys are those of the models in `cartstiff.loading`; one without a case here fails.
+The keys are those of the models in `cartstiff.files.loading`; one without a case here fails.
 """
 
 import copy
@@ -151,7 +151,7 @@ def keys():
     while models:
         model = models.pop()
         models += model.__subclasses__()
-        if not model.__subclasses__() and model.__module__.startswith("cartstiff.loading."):
+        if not model.__subclasses__() and model.__module__.startswith("cartstiff.files."):
             found += [f"{model.__name__}.{key}" for key in model.model_fields]
     return sorted(set(found))
 

@@ -9,7 +9,7 @@ import pytest
 
 import cartstiff
 from cartstiff import InputError, UndefinedError
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 
 LOAD = [1.0, -2.0, 3.0, 40.0, -50.0, 60.0]
 

@@ -6,7 +6,7 @@ from tests.inner import OUTPUTS
 
 import cartstiff
 from cartstiff import InputError, analyse_many
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 
 PATHS = ("engine", "portable", "compiled")
 

@@ -16,7 +16,9 @@ UR5 = ("analyse", "ur5", "--target")
 
 def _run(*words, before="", **options):
     source = str(Path(cartstiff.__file__).parents[1])
-    code = f"import os, sys; {before}\nfrom cartstiff.cli.main import main\nmain(sys.argv[1:])"
+    code = (
+        f"import os, sys; {before}\nfrom cartstiff.shown.cli.main import main\nmain(sys.argv[1:])"
+    )
     return subprocess.run(
         [sys.executable, "-c", code, *words],
         capture_output=True,

@@ -22,7 +22,7 @@ from tests.mechanisms.machines import joint, masses, write_file, write_urdf
 
 import cartstiff
 from cartstiff import InputError
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.extend import FORMATS, FileSpring, RobotDescription, add_joint
 from cartstiff.geometry import se3
 

@@ -83,7 +83,7 @@ def test_an_arm_brings_in_nothing_that_it_does_not_use(command, package):
     code = (
         "import sys, cartstiff; cartstiff.load('ur5')\n"
         f"sys.argv = ['cartstiff', *{command.split()}]\n"
-        "from cartstiff.cli.main import main\n"
+        "from cartstiff.shown.cli.main import main\n"
         "try:\n    main()\nexcept SystemExit:\n    pass\n"
         f"sys.exit(str([m for m in ('{package}', 'matplotlib', 'trimesh', 'llvmlite', "
         "'tornado', 'pandas') if m in sys.modules]))"

@@ -152,4 +152,4 @@ def test_models_lists_them():
     assert f"{KLIMCHIK}         B  KUKA KR 270, joints 2, 3, 4, 5, 6" in text
     assert set(data["springs"]) == set(published_springs())
     assert "grade" in json.dumps(data["springs"][KLIMCHIK])
-    assert (Path(cartstiff.loading.__file__).parent / "gear_stiffness.csv").is_file()
+    assert (Path(cartstiff.files.loading.__file__).parent / "gear_stiffness.csv").is_file()

@@ -7,7 +7,7 @@ import pytest
 
 import cartstiff
 from cartstiff import DeadForce
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 
 
 @pytest.fixture(scope="module")

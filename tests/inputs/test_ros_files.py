@@ -6,7 +6,7 @@ from tests.inner import catalogue, package_folders, ros, search_path, visuals
 
 import cartstiff
 from cartstiff import InputError
-from cartstiff.errors import MissingDependencyError, UnknownNameError
+from cartstiff.core.errors import MissingDependencyError, UnknownNameError
 
 pytest.importorskip("xacro")
 

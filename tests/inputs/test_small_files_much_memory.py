@@ -61,7 +61,7 @@ CASES = {
 #: Commands one after another in one small process: exit codes and what came out.
 _REFUSE = """
 import contextlib, io, json, sys
-from cartstiff.cli.main import main
+from cartstiff.shown.cli.main import main
 found = []
 for name in sys.argv[1:]:
     out, error = io.StringIO(), io.StringIO()
@@ -105,7 +105,7 @@ def test_as_many_hinges_as_may_be_take_little(tmp_path):
     """Postures keep poses and Jacobians: none has a workspace of 0.25 GB for itself."""
     (tmp_path / "arm.urdf").write_text(_links("continuous", 200))
     code = (
-        "import cartstiff; from cartstiff.potentials.loads import DeadForce; "
+        "import cartstiff; from cartstiff.core.potentials.loads import DeadForce; "
         "elastic = cartstiff.load('arm.urdf'); "
         "kept = [elastic.mechanism.at(elastic.q + i) for i in range(5)]; "
         "cartstiff.equilibrium(elastic, DeadForce([1.0, 0.0, 0.0])); "

@@ -23,7 +23,7 @@ from cartstiff import (
     analyse_posture,
 )
 from cartstiff.analysis import Tolerances
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.extend import Evaluation, Potential
 from cartstiff.geometry import se3
 

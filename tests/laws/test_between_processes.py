@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff import DeadForce, errors
+from cartstiff import DeadForce
+from cartstiff.core import errors
 
 ERRORS = [
     errors.InputError("stiffness is wrong", where="--stiffness", expected="1", got=2),

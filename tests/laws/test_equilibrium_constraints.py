@@ -12,7 +12,7 @@ from tests.support import general_legs, legs_as_platform, relative_error, robot_
 
 import cartstiff
 from cartstiff import ConvergenceError, DeadForce, DeadWrench, Held, InputError, equilibrium
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.extend import jacobian
 from cartstiff.geometry import se3
 

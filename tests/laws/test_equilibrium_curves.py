@@ -30,7 +30,7 @@ from cartstiff import (
     equilibrium,
     load_curve,
 )
-from cartstiff.errors import MissingDependencyError
+from cartstiff.core.errors import MissingDependencyError
 from cartstiff.extend import Platform
 from cartstiff.geometry import se3
 

@@ -29,7 +29,7 @@ from tests.support.builders import (
 
 import cartstiff
 from cartstiff import InputError, UndefinedError
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 
 WRENCH = np.array([1.0, -2.0, 0.5, 30.0, -20.0, 40.0])
 STEP = 1e-3

@@ -387,10 +387,10 @@ class TestWaysToRun:
         assert analyse_many(elastic, q, outputs=("jacobian", "compliance_K")).path == "compiled"
 
     def test_without_llvmlite(self, monkeypatch):
-        from cartstiff.errors import MissingDependencyError
+        from cartstiff.core.errors import MissingDependencyError
 
         for module in ("kernels", "recording"):
-            monkeypatch.setattr(f"cartstiff.batch.{module}.has_package", lambda _: False)
+            monkeypatch.setattr(f"cartstiff.recorded.{module}.has_package", lambda _: False)
         elastic, q, _, _ = ur5()
         found = analyse_many(elastic, q)
         assert found.path == "portable"

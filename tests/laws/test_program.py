@@ -20,7 +20,7 @@ from tests.support.generated import Arm, FourBar
 
 import cartstiff
 from cartstiff import InputError
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.extend import QUANTITIES
 
 LOAD = np.array([4.0, -3.0, 2.0, 20.0, 30.0, -40.0])
@@ -146,7 +146,7 @@ def test_springs_may_be_inputs(name):
 
 
 def test_without_machine_code(monkeypatch):
-    monkeypatch.setattr("cartstiff.batch.program.has_package", lambda _: False)
+    monkeypatch.setattr("cartstiff.recorded.program.has_package", lambda _: False)
     arm = cartstiff.load("ur5")
     program = cartstiff.record(arm, "B")
     assert (program.path, program.reason) == ("python", "llvmlite is not installed")

@@ -56,7 +56,7 @@ from cartstiff import (
     load,
     payload,
 )
-from cartstiff.errors import MissingDependencyError, UnknownNameError
+from cartstiff.core.errors import MissingDependencyError, UnknownNameError
 from cartstiff.extend import Platform
 from cartstiff.geometry import from_pose_function, from_symbols, levi_civita, paper
 

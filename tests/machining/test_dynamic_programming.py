@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.inner import Steps, best_way
 from tests.support import seeds
 
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 
 
 @given(seeds, st.sampled_from(["worst", "mean"]), st.booleans())

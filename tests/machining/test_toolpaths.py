@@ -12,7 +12,7 @@ from tests.support.robots import example_robots
 
 import cartstiff
 from cartstiff import InputError, ToolPath, UndefinedError, optimise_path
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.geometry import se3
 
 needs_robots = pytest.mark.skipif(not example_robots(), reason="example robots are not installed")

@@ -13,7 +13,7 @@ from tests.view.test_report import HEAVY
 
 import cartstiff
 from cartstiff import InputError, ToolPath, optimise_path
-from cartstiff.errors import UndefinedError, UnknownNameError
+from cartstiff.core.errors import UndefinedError, UnknownNameError
 
 POINTS = np.column_stack([np.linspace(0.45, 0.3, 3), np.linspace(0.2, 0.35, 3)])
 PATH = ToolPath(planar.poses(POINTS, 0.0), [0, 0, 0, -40.0, 25.0, 0], axes="world")

@@ -62,8 +62,8 @@ def start_map(file: Path, *more: str, **environment: str) -> subprocess.Popen[st
 _HELD = """
 import signal, sys
 from contextlib import contextmanager
-from cartstiff.maps import run, store
-from cartstiff.cli.main import main
+from cartstiff.wings.maps import run, store
+from cartstiff.shown.cli.main import main
 
 # A shell starts what runs in the background with interrupts ignored.
 signal.signal(signal.SIGINT, signal.default_int_handler)

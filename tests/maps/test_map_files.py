@@ -16,7 +16,7 @@ from tests.support.commands import refuses
 
 import cartstiff
 from cartstiff import InputError
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.maps import (
     Axis,
     CartesianGrid,

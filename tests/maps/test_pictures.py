@@ -11,7 +11,7 @@ from tests.inner import assumed_stiffness, histogram, save_figure
 from tests.maps.machines import arm
 
 import cartstiff
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, draw_map, map_of, slice_map
 
 QUANTITY = "translation_free_min"

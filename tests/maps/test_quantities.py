@@ -30,7 +30,7 @@ from tests.support.commands import refuses
 import cartstiff
 from cartstiff import InputError, analyse_many, analyse_posture
 from cartstiff.analysis import indices_of
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.extend import QUANTITIES, Quantity
 from cartstiff.maps import open_map
 

@@ -135,7 +135,7 @@ def test_a_full_disk_is_named_and_the_map_goes_on(elastic, expected, tmp_path, m
         await put(self, key, value)
 
     with monkeypatch.context() as patch:
-        patch.setattr("cartstiff.maps.run.cpu_count", lambda: 1)
+        patch.setattr("cartstiff.wings.maps.run.cpu_count", lambda: 1)
         patch.setattr(LocalStore, "set", limited)
         with pytest.raises(InputError, match=r"written; .* same command .* No space left"):
             run_map(job, file)
@@ -145,9 +145,9 @@ def test_a_full_disk_is_named_and_the_map_goes_on(elastic, expected, tmp_path, m
 
 def test_large_parts_are_computed_one_at_a_time_in_pieces(elastic, expected, tmp_path, monkeypatch):
     """All threads compute the pieces of a part, so that more threads need little more memory."""
-    monkeypatch.setattr("cartstiff.maps.job._PIECE_ROWS", 2)
-    monkeypatch.setattr("cartstiff.maps.run.MAX_CHUNK", 11)
-    monkeypatch.setattr("cartstiff.maps.run.cpu_count", lambda: 4)
+    monkeypatch.setattr("cartstiff.wings.maps.job._PIECE_ROWS", 2)
+    monkeypatch.setattr("cartstiff.wings.maps.run.MAX_CHUNK", 11)
+    monkeypatch.setattr("cartstiff.wings.maps.run.cpu_count", lambda: 4)
     at_once, most, compute = [], [], MapJob.compute
 
     def counted(self, box, mapped):
@@ -170,7 +170,7 @@ def test_large_parts_are_computed_one_at_a_time_in_pieces(elastic, expected, tmp
 _MANY_THREADS = """
 import sys
 import cartstiff
-from cartstiff.maps import run
+from cartstiff.wings.maps import run
 
 run.cpu_count = lambda: 16
 arm = cartstiff.load("ur5")
@@ -209,7 +209,7 @@ def test_a_map_that_another_process_creates_in_the_meantime(elastic, tmp_path, m
     asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
     options = {"chunk": 6, "length": 0.2}
     _, file = prepare_map(*asked, **options)
-    monkeypatch.setattr("cartstiff.maps.run.is_there", lambda address: False)
+    monkeypatch.setattr("cartstiff.wings.maps.run.is_there", lambda address: False)
     with (
         file.locked(),
         pytest.raises(InputError, match="another process or thread is computing this map"),
@@ -260,7 +260,7 @@ def test_what_a_killed_process_leaves_is_not_computed_to_every_reader(
         asked = elastic, drawn(elastic), QUANTITIES, file
         job, made = prepare_map(*asked, chunk=6, length=0.2)
         with monkeypatch.context() as patch:
-            patch.setattr("cartstiff.maps.run.cpu_count", lambda: 1)
+            patch.setattr("cartstiff.wings.maps.run.cpu_count", lambda: 1)
             _killed_after(patch, files)
             with pytest.raises(_Killed):
                 run_map(job, made)
@@ -279,7 +279,7 @@ def test_killed_again_and_again(elastic, expected, tmp_path, monkeypatch, files)
     job, made = prepare_map(*asked, chunk=2, length=0.2)
     while len(made.done()) < 10:
         with monkeypatch.context() as patch:
-            patch.setattr("cartstiff.maps.run.cpu_count", lambda: 1)
+            patch.setattr("cartstiff.wings.maps.run.cpu_count", lambda: 1)
             _killed_after(patch, files)
             try:
                 run_map(job, made)

@@ -11,7 +11,7 @@ from tests.inner import reading as mjcf
 from tests.inputs.mjcf_tool import SEEDS, compile_here, mutant, verdict
 
 from cartstiff import InputError, analyse, load
-from cartstiff.errors import MissingDependencyError
+from cartstiff.core.errors import MissingDependencyError
 from cartstiff.extend import in_units
 
 # Central differences of forces known to 1e-16: step^2 and 1e-16 / step, with margin.

@@ -15,7 +15,7 @@ from tests.support.robots import example_robot, visuals_of
 
 import cartstiff
 from cartstiff import InputError
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.extend import jacobian
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"

@@ -17,7 +17,7 @@ from cartstiff import (
     equilibrium,
     load_curve,
 )
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.geometry import se3
 
 KINDS = ("dead", "follower", "conservative")
@@ -64,7 +64,7 @@ def test_the_tangent_there_is_that_of_analyse(name, kind):
     size = np.repeat([here.posture.length, 1.0], 3)
 
     def motion(t, unit):
-        more = cartstiff.potentials.loads.FollowerWrench(t * unit)
+        more = cartstiff.core.potentials.loads.FollowerWrench(t * unit)
         there = equilibrium(here.elastic, here.q, more, **load, limits=False, settle=False)
         return se3.log(se3.inverse(state.pose) @ there.pose)
 

@@ -17,7 +17,7 @@ from tests.support import (
 
 import cartstiff
 from cartstiff import DeadForce, DeadWrench, InputError, LineSprings, equilibrium
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 
 #: A load about the point, along the body's axes, as a share of what the mechanism bears.
 WRENCHES = {

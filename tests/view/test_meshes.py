@@ -12,7 +12,7 @@ from tests.inner import corner_normals, objects
 from tests.support import read_mesh, robot_file
 
 from cartstiff import InputError
-from cartstiff.errors import MissingDependencyError
+from cartstiff.core.errors import MissingDependencyError
 
 UR5 = "ur_description/meshes/ur5/visual"
 # Normals are rounded to 127 steps.

@@ -55,7 +55,7 @@ def arm():
 @pytest.fixture
 def no_search(monkeypatch):
     """Reports that look for no better posture, for tests of what else they say."""
-    monkeypatch.setattr("cartstiff.page.html_report.better_posture", lambda *_, **__: None)
+    monkeypatch.setattr("cartstiff.shown.page.html_report.better_posture", lambda *_, **__: None)
 
 
 class Outside(HTMLParser):

@@ -14,7 +14,7 @@ from tests.view.viewer import Viewer
 
 import cartstiff
 from cartstiff import InputError
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.scene import Appearance, RecordingWindow, Scene, add_ellipsoid
 
 ROOT = "/meshcat/cartstiff"
@@ -340,7 +340,7 @@ def test_springs_between_links(tmp_path):
     )
     try:
         drawing = Drawing(str(file))
-    except cartstiff.errors.MissingDependencyError:
+    except cartstiff.core.errors.MissingDependencyError:
         pytest.skip("example-robot-data is not installed")
     (group,) = drawing.draw()["tension"]["lines"]
     assert group["values"] == pytest.approx([100.0])

@@ -399,7 +399,7 @@ def test_drawing_loads_no_window_of_meshcat():
     """The pieces speak meshcat's protocol; its servers are not started or even imported."""
     code = (
         "import sys; from cartstiff.scene import RecordingWindow, Scene, add_ellipsoid; "
-        "from cartstiff.scene.viewer import ViewerNode; w = RecordingWindow(); "
+        "from cartstiff.shown.scene.viewer import ViewerNode; w = RecordingWindow(); "
         "add_ellipsoid(ViewerNode(w, '/a'), [[1,0,0],[0,2,0],[0,0,3]]); assert w.take(); "
         "bad = [m for m in ('meshcat', 'zmq', 'tornado', 'trimesh', 'matplotlib') "
         "if m in sys.modules]; sys.exit(str(bad) if bad else 0)"

@@ -512,7 +512,7 @@ def test_an_export_from_a_tab(tab):
 def test_a_mechanism_without_a_picture_is_said(platform):
     class Broken(NoPicture):
         def __init__(self, elastic):
-            raise cartstiff.errors.MissingDependencyError("meshcat", "a picture in a page")
+            raise cartstiff.core.errors.MissingDependencyError("meshcat", "a picture in a page")
 
     server = Background(Source(platform), picture=Broken)
     one = Tab(server.url)

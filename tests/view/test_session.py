@@ -24,7 +24,7 @@ from tests.inner import (
 
 import cartstiff
 from cartstiff import CartstiffError, DeadWrench, InputError, JointSprings
-from cartstiff.errors import UnknownNameError
+from cartstiff.core.errors import UnknownNameError
 from cartstiff.geometry import se3
 
 
@@ -494,7 +494,7 @@ def test_of_many_springs_those_are_tried_that_matter_most(session, monkeypatch):
     state = {"load": load, "load_axes": "world"}
     to = [2.0 * x for x in k]
     every = asked(tab, do="stiffer", state=state, to=to)
-    monkeypatch.setattr("cartstiff.page.what_if.MOST_TRIED", 2)
+    monkeypatch.setattr("cartstiff.shown.page.what_if.MOST_TRIED", 2)
     few = asked(tab, do="stiffer", state=state, to=to)
     assert few["order"] == every["order"][:2]
     for i, size in enumerate(few["sizes"]):

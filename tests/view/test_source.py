@@ -88,9 +88,9 @@ class _Data(dict):
 def opened(monkeypatch):
     """A map file without one: what its reader returns."""
     data = _Data()
-    store = types.ModuleType("cartstiff.maps.store")
+    store = types.ModuleType("cartstiff.wings.maps.store")
     store.open_map = lambda path: data  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "cartstiff.maps.store", store)
+    monkeypatch.setitem(sys.modules, "cartstiff.wings.maps.store", store)
     return data
 
 

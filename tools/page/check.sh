@@ -17,5 +17,5 @@ if ! cmp -s package-lock.json "$stamp"; then
   fi
   cp package-lock.json "$stamp"
 fi
-(cd ../.. && tools/page/node_modules/.bin/eslint -c tools/page/eslint.config.mjs src/cartstiff/page/static)
+(cd ../.. && tools/page/node_modules/.bin/eslint -c tools/page/eslint.config.mjs src/cartstiff/shown/page/static)
 node_modules/.bin/tsc -p tsconfig.json

@@ -1,4 +1,4 @@
-// Written by `python tools/page_messages.py` from the models of `cartstiff.page.messages`, which
+// Written by `python tools/page_messages.py` from the models of `cartstiff.shown.page.messages`, which
 // read what a page sends: not to be changed by hand.
 
 declare namespace Messages {

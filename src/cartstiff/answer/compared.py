@@ -26,7 +26,7 @@ from cartstiff.answer.data import (
     wrench_parts,
 )
 from cartstiff.answer.verdict import Verdict
-from cartstiff.arrays import plain
+from cartstiff.core.arrays import plain
 
 # Difference of loads, as a share of the larger, up to which they are one.
 _SAME = 1e-3

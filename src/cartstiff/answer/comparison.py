@@ -16,22 +16,22 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from cartstiff import numerics
-from cartstiff.analysis.ellipsoids import Freedom
-from cartstiff.analysis.indices import best_conditioned_length
-from cartstiff.analysis.principal import matrix_pair
+from cartstiff.answer.analysis.ellipsoids import Freedom
+from cartstiff.answer.analysis.indices import best_conditioned_length
+from cartstiff.answer.analysis.principal import matrix_pair
 from cartstiff.answer.data import Answer, Displacement, Shares
 from cartstiff.answer.posture import answer_at
-from cartstiff.arrays import Array, plain
-from cartstiff.checked_call import checked
-from cartstiff.described import described
-from cartstiff.errors import InputError, UndefinedError, checked_kind
-from cartstiff.figures import new_figure
-from cartstiff.lazily import cached_property
-from cartstiff.notes import Note
-from cartstiff.results import LabelledResult
-from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.units import Units, shown_unit
+from cartstiff.core import numerics
+from cartstiff.core.arrays import Array, plain
+from cartstiff.core.checked_call import checked
+from cartstiff.core.described import described
+from cartstiff.core.errors import InputError, UndefinedError, checked_kind
+from cartstiff.core.figures import new_figure
+from cartstiff.core.lazily import cached_property
+from cartstiff.core.notes import Note
+from cartstiff.core.results import LabelledResult
+from cartstiff.core.stiffness.compute import PostureStiffness
+from cartstiff.core.units import Units, shown_unit
 
 #: Quantities that the answer is about.
 DISPLACEMENT, SOFTEST = "displacement under the load", "softest translation"

@@ -3,8 +3,8 @@
 Every question has the same parts: a verdict; statements, each the code of a sentence with
 the numbers in it; the displacement, shares and extremes of a posture, which have
 sentences of their own; doubts; tables, whose columns say in which unit and with how many
-digits people read them; the other notes. The words are in `cartstiff.report.sentences`;
-text, JSON, report and page render the same object.
+digits people read them; the other notes. The words are in
+`cartstiff.shown.report.sentences`; text, JSON, report and page render the same object.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from dataclasses import dataclass, field
 from math import hypot
 from typing import Any, Literal
 
-from cartstiff import numerics
-from cartstiff.analysis.ellipsoids import Freedom, Others
+from cartstiff.answer.analysis.ellipsoids import Freedom, Others
 from cartstiff.answer.doubts import doubts_of
 from cartstiff.answer.verdict import LEVELS, Verdict
-from cartstiff.arrays import plain
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.gravity_loads import GravityLoads, gravity_loads
-from cartstiff.notes import Note
-from cartstiff.units import Units
+from cartstiff.core import numerics
+from cartstiff.core.arrays import plain
+from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.core.mechanisms.gravity_loads import GravityLoads, gravity_loads
+from cartstiff.core.notes import Note
+from cartstiff.core.units import Units
 
 Vector = tuple[float, float, float]
 #: Size for the round-off of components of unit vectors, so that those below 1e-9 are 0.
@@ -217,7 +217,7 @@ class Statement:
     Attributes
     ----------
     code : str
-        Key of `cartstiff.report.sentences.SENTENCES`.
+        Key of `cartstiff.shown.report.sentences.SENTENCES`.
     values : mapping
         Names, numbers, and lists of these, by the name that the sentence uses.
     """
@@ -243,7 +243,7 @@ class Column:
         Unit of its numbers; "" where they have none, or each has its own.
     form : str
         How people read a number: digits, then what is written; see
-        `cartstiff.report.sentences.value_words`. It ends with "?" where nothing is
+        `cartstiff.shown.report.sentences.value_words`. It ends with "?" where nothing is
         written for None, and with "<" where cells are left-aligned.
     """
 
@@ -259,7 +259,7 @@ class Table:
     Attributes
     ----------
     name : str
-        Key of `cartstiff.report.sentences.TITLES`, or its title.
+        Key of `cartstiff.shown.report.sentences.TITLES`, or its title.
     columns : sequence of Column
         The columns; those without a cell are not written.
     rows : sequence of sequence

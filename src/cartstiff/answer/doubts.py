@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cartstiff.answer.verdict import Verdict
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.notes import DOUBTS, Note
+from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.core.notes import DOUBTS, Note
 
 #: Codes of notes that cast doubt on an answer, the weightiest first: the model says
 #: nothing about the machine; posture or load cannot be meant; numbers are uncertain;

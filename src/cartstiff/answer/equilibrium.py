@@ -28,10 +28,10 @@ from cartstiff.answer.posture import (
 )
 from cartstiff.answer.strength import force_statements
 from cartstiff.answer.verdict import Level, Verdict
-from cartstiff.geometry.se3 import Array
+from cartstiff.core.geometry.se3 import Array
 
 if TYPE_CHECKING:
-    from cartstiff.statics.rest import Equilibrium
+    from cartstiff.core.statics.rest import Equilibrium
 
 #: Verdicts on an equilibrium by `Equilibrium.stable`.
 STABILITY: dict[bool | None, tuple[Level, str]] = {

@@ -11,14 +11,17 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cartstiff import numerics
-from cartstiff.analysis.asymmetry import asymmetries
-from cartstiff.analysis.ellipsoids import Freedom, Others, softest, stiffest
-from cartstiff.analysis.indices import spectrum
-from cartstiff.analysis.metrics import length_of_pair
-from cartstiff.analysis.posture import FoundDeflection, deflection_found, is_tangent
-from cartstiff.analysis.principal import block_ellipsoid, matrix_pair
-from cartstiff.analysis.sections import Notes
+from cartstiff.answer.analysis.asymmetry import asymmetries
+from cartstiff.answer.analysis.ellipsoids import Freedom, Others, softest, stiffest
+from cartstiff.answer.analysis.indices import spectrum
+from cartstiff.answer.analysis.metrics import length_of_pair
+from cartstiff.answer.analysis.posture import (
+    FoundDeflection,
+    deflection_found,
+    is_tangent,
+)
+from cartstiff.answer.analysis.principal import block_ellipsoid, matrix_pair
+from cartstiff.answer.analysis.sections import Notes
 from cartstiff.answer.data import (
     Answer,
     Displacement,
@@ -37,23 +40,24 @@ from cartstiff.answer.data import (
 )
 from cartstiff.answer.strength import strength_statements
 from cartstiff.answer.verdict import UNRESOLVED, Verdict, decide, facts_of
-from cartstiff.errors import CartstiffError, UndefinedError
-from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.gravity_loads import gravity_loads
-from cartstiff.mechanisms.limits import Limits
-from cartstiff.notes import Note
-from cartstiff.potentials.contract import Potential
-from cartstiff.stiffness.applied_load import LoadKind
-from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.stiffness.forces import DriveForce
-from cartstiff.stiffness.posture import StiffnessInFrame
-from cartstiff.units import Units
+from cartstiff.core import numerics
+from cartstiff.core.errors import CartstiffError, UndefinedError
+from cartstiff.core.geometry import se3
+from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.core.mechanisms.gravity_loads import gravity_loads
+from cartstiff.core.mechanisms.limits import Limits
+from cartstiff.core.notes import Note
+from cartstiff.core.potentials.contract import Potential
+from cartstiff.core.stiffness.applied_load import LoadKind
+from cartstiff.core.stiffness.compute import PostureStiffness
+from cartstiff.core.stiffness.forces import DriveForce
+from cartstiff.core.stiffness.posture import StiffnessInFrame
+from cartstiff.core.units import Units
 
 if TYPE_CHECKING:
-    from cartstiff.mechanisms.contract import MechanismPosture
-    from cartstiff.statics.rest import Equilibrium
+    from cartstiff.core.mechanisms.contract import MechanismPosture
+    from cartstiff.core.statics.rest import Equilibrium
 
 Behaviour = Literal["dead", "follower", "conservative"]
 _FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
@@ -244,7 +248,7 @@ def _beside_equilibrium(
     if result.wrench is None or not any((*found.whole.wrench, *found.whole.twist)):
         return moved, []
     # A posture without a load needs no search.
-    from cartstiff.statics.held import displacement_between
+    from cartstiff.core.statics.held import displacement_between
 
     added = None if moved.by == "load" else found.added
     try:
@@ -284,7 +288,7 @@ def rests(
         As `cartstiff.equilibrium`.
     """
     # A posture without a load needs no search.
-    from cartstiff.statics.equilibrium import equilibrium
+    from cartstiff.core.statics.equilibrium import equilibrium
 
     if added is None:
         start = np.array(result.q)

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cartstiff import numerics
 from cartstiff.answer.data import Quantity, Statement, said
-from cartstiff.errors import CartstiffError
-from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.stiffness.forces import DriveForce
-from cartstiff.stiffness.held_forces import held_forces
-from cartstiff.units import Units
+from cartstiff.answer.held_forces import held_forces
+from cartstiff.core import numerics
+from cartstiff.core.errors import CartstiffError
+from cartstiff.core.stiffness.compute import PostureStiffness
+from cartstiff.core.stiffness.forces import DriveForce
+from cartstiff.core.units import Units
 
 #: Accuracy of the load by the equilibrium, and difference to the first order from which
 #: both are said.
@@ -30,7 +30,7 @@ def strength_statements(
     if held is None or not (held.is_limited or allowed is not None):
         return found
     # Few answers need the search.
-    from cartstiff.statics.capacity import capacity_at
+    from cartstiff.answer.capacity import capacity_at
 
     try:
         own = capacity_at(result, allowed, 1.0 if quickly else _ACCURACY)

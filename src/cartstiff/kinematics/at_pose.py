@@ -17,20 +17,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff import numerics
-from cartstiff.arrays import checked_array, checked_pose, checked_vector
-from cartstiff.checked_call import checked
-from cartstiff.errors import InputError
-from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
+from cartstiff.core import numerics
+from cartstiff.core.arrays import checked_array, checked_pose, checked_vector
+from cartstiff.core.checked_call import checked
+from cartstiff.core.errors import InputError
+from cartstiff.core.geometry import se3
+from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.mechanisms.chain import Chain, ChainPosture
+from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.core.mechanisms.leg_shapes import PlacedLeg
+from cartstiff.core.notes import Note
+from cartstiff.core.numerics.searches import least_change
 from cartstiff.kinematics.inverse import inverse_kinematics
 from cartstiff.kinematics.legs import Leg, legs_of
 from cartstiff.kinematics.rods import rod_of
-from cartstiff.mechanisms.chain import Chain, ChainPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.leg_shapes import PlacedLeg
-from cartstiff.notes import Note
-from cartstiff.numerics.searches import least_change
 
 #: Coordinates of a pose: the position, and angles about fixed axes.
 COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")

@@ -8,15 +8,20 @@ from typing import get_args, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import numerics
-from cartstiff.arrays import checked_array, checked_flag, checked_pose, checked_seed
-from cartstiff.checked_call import checked
-from cartstiff.errors import InputError, check_name
-from cartstiff.geometry.se3 import Array
+from cartstiff.core import numerics
+from cartstiff.core.arrays import (
+    checked_array,
+    checked_flag,
+    checked_pose,
+    checked_seed,
+)
+from cartstiff.core.checked_call import checked
+from cartstiff.core.errors import InputError, check_name
+from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.kinematics.joint_poses import Free as Free
 from cartstiff.kinematics.joint_poses import JointPoses, PlatformPoses
 from cartstiff.kinematics.legs import Branches, Search, legs_of, searched, working_modes
-from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 
 #: Bound on the listed combinations of the legs' solutions, the nearest to the first
 #: start.

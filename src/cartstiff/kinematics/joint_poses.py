@@ -32,13 +32,13 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from cartstiff import numerics
-from cartstiff.errors import InputError, check_name
-from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import Mechanism
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.limits import Limits
+from cartstiff.core import numerics
+from cartstiff.core.errors import InputError, check_name
+from cartstiff.core.geometry import se3
+from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.mechanisms.contract import Mechanism
+from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.core.mechanisms.limits import Limits
 
 
 class ManyPoses(NamedTuple):

@@ -26,14 +26,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff import numerics
-from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
+from cartstiff.core import numerics
+from cartstiff.core.geometry import se3
+from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.mechanisms.chain import Chain, Closure
+from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.core.mechanisms.leg_shapes import PlacedLeg
+from cartstiff.core.mechanisms.tree import FixedFrame, part_of
 from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, distinct
-from cartstiff.mechanisms.chain import Chain, Closure
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.leg_shapes import PlacedLeg
-from cartstiff.mechanisms.tree import FixedFrame, part_of
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff import numerics
-from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
+from cartstiff.core import numerics
+from cartstiff.core.geometry import se3
+from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.mechanisms.leg_shapes import LegShape
 from cartstiff.kinematics.legs import Leg
-from cartstiff.mechanisms.leg_shapes import LegShape
 
 
 class Rod(NamedTuple):

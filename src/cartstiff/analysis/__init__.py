@@ -1,8 +1,0 @@
-"""Properties of a stiffness matrix: ellipsoids, centres, screws, indices, tolerances.
-
-The names in `__init__.pyi` are loaded when first used.
-"""
-
-from cartstiff.lazily import public
-
-__getattr__, __dir__ = public(globals())

@@ -1,0 +1,1 @@
+"""Properties of a stiffness matrix: ellipsoids, centres, screws, indices, tolerances."""

@@ -1,0 +1,1 @@
+"""Small vibrations about a rest state: modes under load, response, damping."""

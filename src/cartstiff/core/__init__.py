@@ -1,0 +1,1 @@
+"""What is true at a posture: energies, mechanisms, the reduction, equilibria."""

@@ -1,0 +1,1 @@
+"""Rigid motions, twists and wrenches, affine connections, charts."""

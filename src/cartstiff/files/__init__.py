@@ -1,0 +1,1 @@
+"""What files and models in hand mean: they become mechanisms."""

@@ -1,0 +1,1 @@
+"""Legs with joints that bend, which platforms of files have."""

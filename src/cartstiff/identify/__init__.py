@@ -1,8 +1,0 @@
-"""Springs from measurements, and which measurements to make.
-
-The names in `__init__.pyi` are loaded when first used.
-"""
-
-from cartstiff.lazily import public
-
-__getattr__, __dir__ = public(globals())

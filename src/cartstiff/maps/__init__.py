@@ -1,8 +1,0 @@
-"""Stiffness over many postures: where to look, computing, files, reading, pictures.
-
-The names in `__init__.pyi` are loaded when first used.
-"""
-
-from cartstiff.lazily import public
-
-__getattr__, __dir__ = public(globals())

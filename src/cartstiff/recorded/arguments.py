@@ -1,0 +1,205 @@
+"""Arguments of `analyse_many`: checks, and the arrays to fill."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from itertools import pairwise
+from math import prod
+
+import numpy as np
+from numpy.lib.array_utils import byte_bounds
+from numpy.typing import ArrayLike
+
+from cartstiff.core.arrays import checked_input, overlap
+from cartstiff.core.errors import InputError, UnknownNameError
+from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.matrix_names import OF_MANY
+from cartstiff.core.mechanisms.elastic import ElasticMechanism
+
+#: Doubles in a line of the cache, and in a mebibyte.
+_LINE, _MEBIBYTE = 8, 1 << 17
+#: Names of outputs of every mechanism.
+OUTPUTS = (
+    "pose",
+    "jacobian",
+    "wrench",
+    "energy",
+    *(f"stiffness_{c}" for c in OF_MANY),
+    *(f"compliance_{c}" for c in OF_MANY),
+)
+#: Output for the legs of a platform.
+TENSIONS = "tensions"
+#: Output for joints: what their drives exert, zero without a spring.
+TORQUES = "torques"
+EVERY_OUTPUT = (*OUTPUTS, TENSIONS, TORQUES)
+#: What programs alone have: bounds on what notes remark on (`algebra.noteworthy`), the
+#: inverse of the symmetric part of the tangent under the load, the characteristic length
+#: of a chain, and lengths and lines of a platform's legs.
+DETAILS = NOTEWORTHY, SYMMETRIC, LENGTH, LEGS, LINES = (
+    "noteworthy",
+    "inverse_of_symmetric_tangent",
+    "length",
+    "leg_lengths",
+    "actuation",
+)
+#: Of a mechanism with masses: mass matrix and Lagrangian Hessian on the motions, and
+#: their twists; they determine small vibrations.
+OF_VIBRATIONS = "kinetic", "lagrangian", "motion"
+#: Output of closed chains, beside these: rates of the coordinates in the motions that
+#: keep the closures, as many columns as there are.
+MOTIONS = "motions"
+
+
+def checked_q(elastic: ElasticMechanism, q: ArrayLike) -> Array:
+    """Coordinates as a finite (N, n) array of doubles."""
+    return checked_input(q, ("N", len(elastic.mechanism.coordinates)), "q")
+
+
+def checked_wrench(
+    elastic: ElasticMechanism, wrench: ArrayLike | None, count: int
+) -> Array | None:
+    """One wrench (6,), or one for each posture (N, 6)."""
+    if wrench is None:
+        return None
+    array = checked_input(wrench, [(6,), (count, 6)], "wrench", copy=False)
+    if elastic.springs is None:
+        raise InputError(
+            "the load of this mechanism follows from its potentials and cannot be given",
+            expected="no wrench here",
+        )
+    return array
+
+
+def full_name(name: str) -> str:
+    """The name of an output: "K" is short for "stiffness_K"."""
+    return f"stiffness_{name}" if name in OF_MANY else name
+
+
+def checked_names(outputs: Sequence[str]) -> tuple[str, ...]:
+    """Names of outputs, each once."""
+    if isinstance(outputs, str):
+        raise InputError(
+            "outputs is one word", expected="a sequence of names", got=outputs
+        )
+    names = tuple(dict.fromkeys(full_name(name) for name in outputs))
+    for name in names:
+        if name not in EVERY_OUTPUT:
+            raise UnknownNameError("output", str(name), OUTPUTS)
+    return names
+
+
+def checked_count(what: str, value: object) -> int | None:
+    """A whole number from one, or None."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise InputError(
+            f"{what} cannot be used", expected="a whole number from 1", got=value
+        )
+    return int(value)
+
+
+def shape_of(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
+    """Shape of an output at `count` postures of n coordinates."""
+    return (count, *_sizes(n, legs).get(name, (6, 6)))
+
+
+@lru_cache(maxsize=64)
+def _sizes(n: int, legs: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of outputs at one posture that are no matrices (6, 6)."""
+    return {
+        "pose": (4, 4),
+        "jacobian": (6, n),
+        "wrench": (6,),
+        "energy": (),
+        TENSIONS: (legs,),
+        TORQUES: (n,),
+        NOTEWORTHY: (5,),
+        LENGTH: (1,),
+        LEGS: (legs,),
+        LINES: (legs, 6),
+    }
+
+
+def arrays_for(
+    names: tuple[str, ...],
+    out: Mapping[str, Array] | None,
+    shape: tuple[int, ...],
+    inputs: Mapping[str, Array | None],
+) -> dict[str, Array]:
+    """The arrays to fill: those given in `out`, which must not share memory,
+    and new ones.
+    """
+    own = {full_name(name): array for name, array in (out or {}).items()}
+    for name, array in own.items():
+        if name not in names:
+            raise UnknownNameError("output", str(name), names, where="out")
+        _check_writable(name, array, shape_of(name, *shape))
+    _check_apart(own, inputs)
+    return with_room(names, own, shape)
+
+
+def with_room(
+    names: Sequence[str], arrays: Mapping[str, Array], shape: tuple[int, ...]
+) -> dict[str, Array]:
+    """The given arrays, and new ones for the other names."""
+    return {
+        name: arrays[name] if name in arrays else aligned_empty(*shape_of(name, *shape))
+        for name in names
+    }
+
+
+def _check_writable(name: str, array: object, shape: tuple[int, ...]) -> None:
+    got = type(array).__name__
+    if isinstance(array, np.ndarray):
+        is_open = array.flags.writeable
+        if array.shape == shape and array.dtype == np.float64 and is_open:
+            return
+        got = f"shape {array.shape}, {array.dtype}" + ", read-only" * (not is_open)
+    raise InputError(
+        "array to write into cannot be used",
+        where=f"out, {name}",
+        expected=f"a writeable array of doubles of shape {shape}",
+        got=got,
+    )
+
+
+def _check_apart(own: Mapping[str, Array], inputs: Mapping[str, Array | None]) -> None:
+    """Refuse arrays to write into that share memory with each other or with inputs."""
+    others = [(name, values) for name, values in inputs.items() if values is not None]
+    bounds = sorted(byte_bounds(array) for _, array in (*others, *own.items()))
+    if all(end <= start for (_, end), (start, _) in pairwise(bounds)):
+        return  # the usual case, decided quickly
+    for name, array in own.items():
+        for other, values in others:
+            if overlap(array, values):
+                raise InputError(
+                    "array to write into shares memory",
+                    where=f"out, {name}",
+                    expected="its own",
+                    got=f"that of {other}",
+                )
+        others.append((name, array))
+
+
+def address_of(array: Array) -> int:
+    """Address of an array; much faster than ``array.ctypes.data``."""
+    address: int = array.__array_interface__["data"][0]
+    return address
+
+
+def aligned_empty(*shape: int) -> Array:
+    """Uninitialised doubles, aligned to 64 bytes, so that whole cache lines are written.
+
+    Arrays of a mebibyte and more are aligned to two, for large pages of memory: small
+    ones cost a tenth of the time of writing. NumPy requests large pages for four
+    mebibytes and more.
+    """
+    size, step = prod(shape), _LINE
+    room = size
+    if size >= _MEBIBYTE:
+        step, room = 2 * _MEBIBYTE, max(size, 4 * _MEBIBYTE)
+    raw = np.empty(room + step)
+    start = -(address_of(raw) // 8) % step
+    return raw[start : start + size].reshape(shape)

@@ -1,0 +1,1 @@
+"""Words, figures, report, scene, page and commands: what shows answers."""

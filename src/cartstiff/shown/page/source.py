@@ -1,0 +1,413 @@
+"""The input of a page: mechanism, posture, load, trajectory and map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import prod
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff.core.arrays import named_values
+from cartstiff.core.errors import InputError, one_line
+from cartstiff.core.geometry.connections import Connection
+from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.matrix_names import LETTERS
+from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.core.mechanisms.limits import Limits
+from cartstiff.core.units import LENGTHS, SI, Units
+from cartstiff.files.identity import fingerprint
+from cartstiff.files.parsing import parse_numbers
+from cartstiff.files.tables import named_unit, read_cells, read_rows
+
+if TYPE_CHECKING:
+    from cartstiff.wings.reach.workspace import Workspace
+
+# A page draws and sends every point: more are thinned.
+_MOST_POINTS = 20_000
+# Each carries its posture: 1.6 MB of these at most.
+_MOST_COORDINATES = 200_000
+# Largest number of postures of a map whose points are shown: all are read.
+_MOST_READ = 10**7
+# Postures of a map that are read at a time.
+_AT_ONCE = 1_000_000
+_MOST_POSTURES = 5_000
+# Parts of a mechanism on which its numbers depend, besides the posture.
+_MODEL = ("mechanism", "springs", "potentials", "gravity", "damping")
+# Names of the quantity that colours the boundary of a workspace, and of singular points.
+_CUTS = "limit that cuts"
+_SINGULAR = "singular surface"
+
+
+@dataclass(frozen=True, eq=False)
+class Playback:
+    """Postures in order, with their times.
+
+    Attributes
+    ----------
+    q : ndarray (N, n)
+        Coordinates.
+    time : ndarray (N,)
+        Seconds, or the postures' numbers where no times are known.
+    timed : bool
+        Whether `time` is in seconds.
+    unused : tuple of str
+        Other columns of the file.
+    """
+
+    q: Array
+    time: Array
+    timed: bool = False
+    unused: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points of a map, or of a workspace's boundary, with what may colour them.
+
+    Attributes
+    ----------
+    positions : ndarray (N, 3)
+        In F.
+    values : mapping of str to ndarray (N,)
+        By quantity; NaN where one does not exist. Or words: of a boundary the limit that
+        cuts.
+    units : mapping of str to str
+        By quantity.
+    thinned : int
+        How far apart in the file the points are that are kept: 1 keeps all, 2 every
+        second.
+    q : ndarray (N, n) or None
+        Coordinates of each point; None where the points are no postures of the mechanism.
+    """
+
+    positions: Array
+    values: Mapping[str, NDArray[Any]]
+    units: Mapping[str, str]
+    thinned: int = 1
+    q: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """The input of a page; no tab changes it.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    q : ndarray (n,) or None
+        Posture shown at first; default the mechanism's.
+    load : ndarray (6,) or None
+        Wrench shown at first.
+    load_kind, load_at, load_axes
+        Its behaviour, point and axes, as in `cartstiff.shown.page.messages.ViewState`.
+    command : list of float or None
+        Commands of the drives at first, one number a spring.
+    connections : tuple of Connection
+        The user's own, beside the named ones.
+    trajectory : Playback or None
+        Postures for the time slider.
+    cloud : Cloud or None
+        Points of a map.
+    """
+
+    elastic: ElasticMechanism
+    q: Array | None = None
+    load: Array | None = None
+    trajectory: Playback | None = None
+    cloud: Cloud | None = None
+    load_kind: Literal["dead", "follower", "conservative"] = "dead"
+    load_at: tuple[float, float, float] | None = None
+    load_axes: Literal["body", "world"] = "body"
+    command: list[float] | None = None
+    connections: tuple[Connection, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = [*LETTERS, *(own.name for own in self.connections)]
+        for own in self.connections:
+            if names.count(own.name) > 1:
+                raise InputError(
+                    "two connections have this name", where="connections", got=own.name
+                )
+            if not own.left_invariant:
+                raise InputError(
+                    "the connection is known at one posture only",
+                    where=f"connections, {own.name}",
+                    expected="the same symbols at every pose",
+                )
+
+    @cached_property
+    def fingerprint(self) -> str | None:
+        """Of the model and of the load at first, by which a link knows its page again.
+
+        None where own code cannot be told apart.
+        """
+        elastic = self.elastic
+        model = {name: getattr(elastic, name) for name in _MODEL}
+        load = self.load, self.load_kind, self.load_at, self.load_axes, self.command
+        with suppress(InputError):
+            return fingerprint([model, load])[:12]
+        return None
+
+
+def changed(
+    elastic: ElasticMechanism,
+    stiffness: Sequence[float | None] | None,
+    payload: Sequence[float] | None,
+    gravity: Sequence[float] | None,
+) -> ElasticMechanism:
+    """The mechanism with other springs, a payload and another gravity,
+    as a state names them.
+
+    Springs whose number is that of `elastic.stiffnesses` stay as they are, with their
+    laws.
+    """
+    if stiffness is not None:
+        given: Any = [np.inf if k is None else k for k in stiffness]
+        if elastic.springs is not None:
+            present, names = elastic.stiffnesses, elastic.spring_names
+            given = named_values(
+                given, names, present, "stiffness", infinite=True
+            ).tolist()
+            known = zip(names, given, present, strict=True)
+            given = {name: k for name, k, now in known if k != now} or None
+        elastic = elastic.with_springs(given)
+    if payload is not None and payload[0]:
+        elastic = elastic.with_payload(payload[0], payload[1:])
+        if gravity is None and elastic.gravity is None:
+            elastic = elastic.with_gravity()  # it weighs
+    if gravity is not None:
+        elastic = elastic.with_gravity(gravity)
+    return elastic
+
+
+def read_trajectory(
+    path: Path,
+    names: tuple[str, ...],
+    units: Units = SI,
+    joints: tuple[str, ...] = (),
+) -> Playback:
+    """A trajectory from CSV: one posture a line, in joint order or under a line of names.
+
+    The postures have columns `names` (all coordinates), or `joints` if only those are
+    given.
+
+    A column named ``t`` or ``time``, or a first one more than there are coordinates, is
+    the time in seconds. Lines that start with # are comments.
+
+    Raises
+    ------
+    InputError
+        With file and line.
+    """
+    rows = read_rows(path, "postures", units=units, joints=names)
+    if rows.names is not None:
+        named = tuple("time" if x.lower() in ("t", "time") else x for x in rows.names)
+        rows = rows._replace(names=named)
+    layouts = dict.fromkeys((names, joints or names))
+    columns, table, unused = rows.arranged(*layouts, *(("time", *own) for own in layouts))
+    where = one_line(str(path))
+    if len(table) > _MOST_POSTURES:
+        raise InputError(
+            "too many postures",
+            where=where,
+            expected=f"at most {_MOST_POSTURES}",
+            got=len(table),
+        )
+    timed = columns not in layouts
+    time = table[:, 0] if timed else np.arange(float(len(table)))
+    if np.any(np.diff(time) < 0):
+        raise InputError("times must not decrease", where=where)
+    return Playback(table[:, int(timed) :], time, timed, unused)
+
+
+def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Cloud:
+    """Points of a map file, or of a table that `cartstiff workspace -o` wrote.
+
+    They are thinned to what a page can show.
+
+    Parameters
+    ----------
+    path : path or address
+        A map, or a table whose name ends in ``.csv``.
+    elastic : ElasticMechanism, optional
+        Positions of a table are in its units, limits with its bounds; a map of the same
+        coordinates brings those of each point.
+
+    Raises
+    ------
+    InputError
+        If the file holds no positions or nothing over them.
+    """
+    if str(path).lower().endswith(".csv"):
+        return _read_boundary(Path(path), elastic)
+    differs = list[str]()
+    if elastic is None:
+        from cartstiff.wings.maps.store import open_map
+
+        data = open_map(path)
+    else:
+        from cartstiff.wings.maps.reading import map_of_mechanism
+
+        data, differs = map_of_mechanism(path, elastic, "--map")
+    where = one_line(str(path))
+    if "position" not in data:
+        raise InputError(
+            "map holds no positions", where=where, expected="a variable `position`"
+        )
+    if prod(data["position"].shape) > 3 * _MOST_READ:
+        raise InputError(
+            "map is too large to be shown",
+            where=where,
+            expected=f"at most {_MOST_READ} postures",
+            got=prod(data["position"].shape) // 3,
+        )
+    size = 1.0
+    if elastic is not None:
+        size = LENGTHS[data["position"].attrs["units"]] / LENGTHS[elastic.units.length]
+    position = size * np.asarray(data["position"].values, float)
+    shape = position.shape[:-1]
+    flat = position.reshape(-1, position.shape[-1])
+    values: dict[str, Array] = {}
+    units: dict[str, str] = {}
+    for name, variable in data.data_vars.items():
+        if variable.shape == shape and variable.dtype.kind in "fiub" and name != "state":
+            shown = f"{name}" + f", map of {', '.join(differs)}" * bool(differs)
+            values[shown] = np.asarray(variable.values, float).reshape(-1)
+            units[shown] = str(variable.attrs.get("units", ""))
+    if position.shape[-1] != 3 or not values:
+        raise InputError(
+            "map cannot be shown",
+            where=where,
+            expected="positions (..., 3) and a quantity over the same postures",
+        )
+    reached = np.isfinite(flat).all(
+        axis=1
+    )  # places of a Cartesian grid that no posture reaches
+    if not reached.any():
+        raise InputError(
+            "map holds no posture", where=where, expected="a finite position"
+        )
+    cloud = _thinned(
+        Cloud(flat[reached], {n: v[reached] for n, v in values.items()}, units),
+        0 if elastic is None else len(elastic.names),
+    )
+    joints = data["joint"].values.tolist() if "q" in data else []
+    if elastic is None or joints != list(elastic.names):
+        return cloud
+    q = _rows(data["q"], shape, np.flatnonzero(reached)[:: cloud.thinned])
+    return replace(
+        cloud, q=q * [size if c.is_length else 1.0 for c in elastic.mechanism.coordinates]
+    )
+
+
+def _rows(table: Any, shape: tuple[int, ...], wanted: Array) -> Array:
+    """Rows (N, n) of labelled arrays (*shape, n) by their numbers in order,
+    read part by part.
+    """
+    inner = prod(shape[1:])
+    parts = []
+    for first in range(0, shape[0], step := max(1, _AT_ONCE // inner)):
+        low, high = np.searchsorted(wanted, [first * inner, (first + step) * inner])
+        if low < high:
+            part = np.asarray(table[first : first + step].values, float)
+            parts.append(
+                part.reshape(-1, part.shape[-1])[wanted[low:high] - first * inner]
+            )
+    return np.concatenate(parts)
+
+
+def _thinned(cloud: Cloud, coordinates: int = 0) -> Cloud:
+    """At most as many of its points, with their coordinates, as a page can show."""
+    most = min(_MOST_POINTS, max(1, _MOST_COORDINATES // max(1, coordinates)))
+    step = max(1, -(-len(cloud.positions) // most))
+    values = {name: v[::step] for name, v in cloud.values.items()}
+    return replace(cloud, positions=cloud.positions[::step], values=values, thinned=step)
+
+
+def _read_boundary(path: Path, elastic: ElasticMechanism | None) -> Cloud:
+    """Positions on a workspace's boundary, and the limit that cuts at each."""
+    cells = read_cells(path, "boundary")
+    units = SI if elastic is None else elastic.units
+    heads = [named_unit(name, units, cells.place) for name in cells.names]
+    if [name for name, _ in heads] != ["x", "y", "z", "limit"]:
+        raise InputError(
+            "boundary cannot be shown",
+            where=cells.place,
+            got=", ".join(cells.names),
+            expected="columns x, y, z and limit, as `workspace -o` writes them of "
+            "a body that takes all positions",
+        )
+    numbers = [
+        parse_numbers(",".join(row[:3]), place, 3)
+        for row, place in zip(cells.rows, cells.places, strict=True)
+    ]
+    factors = [1.0 if factor is None else factor for _, factor in heads[:3]]
+    return _cut(np.array(numbers) * factors, [row[3] for row in cells.rows], elastic)
+
+
+def cloud_of_workspace(reached: Workspace) -> Cloud:
+    """Positions on a workspace's boundary, the limit that cuts at each,
+    and singular positions.
+
+    Raises
+    ------
+    InputError
+        For workspaces along other coordinates than x, y, z, and those without a boundary.
+    """
+    if reached.axes != ("x", "y", "z"):
+        raise InputError(
+            "the workspace cannot be shown among the mechanism's positions",
+            where="workspace",
+            expected="a body that takes all positions",
+            got=", ".join(reached.axes),
+        )
+    if reached.positions is None or not reached.positions.limit.size:
+        why = "; ".join(note.message for note in reached.notes[-1:])
+        raise InputError(
+            "the workspace has no boundary", where="workspace", got=why or "none"
+        )
+    surface = np.empty((0, 3))
+    if reached.singular is not None:
+        surface = reached.singular.surface
+    names = reached.positions.limit.tolist() + [_SINGULAR] * len(surface)
+    return _cut(np.concatenate([reached.boundary, surface]), names, reached.elastic)
+
+
+def _cut(
+    positions: Array, names: Sequence[str], elastic: ElasticMechanism | None
+) -> Cloud:
+    """A boundary's positions (N, 3) by the names of the limits that cut,
+    which get their bounds.
+    """
+    bounds = dict[str, tuple[str]]()
+    if elastic is not None:
+        bounds = _bounds_in_words(elastic)
+    limits = np.array([" ".join([name, *bounds.get(name, ())]) for name in names])
+    return _thinned(Cloud(positions, {_CUTS: limits}, {_CUTS: ""}))
+
+
+def _bounds_in_words(elastic: ElasticMechanism) -> dict[str, tuple[str]]:
+    """Numbers and units of the limits that a workspace names, as in "leg1, most"."""
+    mechanism, limits = elastic.mechanism, Limits(elastic.mechanism)
+    types = {c.name: c.type for c in mechanism.coordinates}
+    words: dict[str, tuple[str]] = {}
+    for name, low, high, angle in zip(
+        limits.names, limits.lower, limits.upper, limits.are_angles, strict=True
+    ):
+        unit = elastic.units.coordinate(not (angle or types.get(name) == "revolute"))
+        words |= {
+            f"{name}, least": (f"{low:.4g} {unit}",),
+            f"{name}, most": (f"{high:.4g} {unit}",),
+        }
+    forces = mechanism.tension_limits
+    for i, pair in enumerate(() if forces is None else forces.tolist(), start=1):
+        for side, bound in zip(("least", "most"), pair, strict=True):
+            words[f"force of leg{i}, {side}"] = (f"{bound:.4g} {elastic.units.force}",)
+    return words

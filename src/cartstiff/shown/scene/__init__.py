@@ -1,0 +1,1 @@
+"""Stiffness drawn in any meshcat viewer."""

@@ -1,0 +1,1 @@
+"""What uses all of it: maps, workspaces, paths, identification. None uses another."""

@@ -1,0 +1,1 @@
+"""Springs from measurements, and which measurements to make."""

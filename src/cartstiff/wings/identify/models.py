@@ -1,0 +1,515 @@
+"""Predictions of displacements under load, and their derivatives by each compliance.
+
+Small loads: by the theorem of the unit load a measured number ``a . xi`` has, with F the
+forces in the elements per unit wrench (`cartstiff.wings.identify.influence`), the
+derivative
+
+    d(a . xi) / d theta = (F a)^T S (F W)
+
+If the forces follow from the load alone (open chains, six legs) the displacement is
+linear in the compliances; otherwise F is evaluated anew at every step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
+from cartstiff.core.errors import (
+    CartstiffError,
+    ConvergenceError,
+    InputError,
+    UndefinedError,
+)
+from cartstiff.core.geometry import se3
+from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.core.mechanisms.elements import Elements, laws_of
+from cartstiff.core.potentials.gravity import Gravity
+from cartstiff.core.potentials.loads import DeadForce, DeadWrench, Load
+from cartstiff.core.potentials.springs import SpringLaw
+from cartstiff.core.statics.equilibrium import in_stages
+from cartstiff.core.statics.newton import Solution, solve
+from cartstiff.core.statics.problem import System
+from cartstiff.core.statics.rest import motion_by_compliance
+from cartstiff.core.stiffness.compute import analyse
+from cartstiff.recorded.recording import analyse_many
+from cartstiff.wings.identify.influence import influence_of
+from cartstiff.wings.identify.measurements import (
+    Measurements,
+    Observations,
+    field_of,
+    observe,
+    wrenches,
+)
+from cartstiff.wings.identify.unknowns import Offsets, Unknowns, offsets_of
+
+
+def unloaded(elastic: ElasticMechanism, q: Array | None = None) -> ElasticMechanism:
+    """The mechanism with no loads but gravity compensation; its cables are taken as bars.
+
+    Its springs are at rest at the commanded positions q (n,); without it their rest
+    positions are open.
+    """
+    inner = tuple(
+        p.with_open_rest() for p in elastic.potentials if p.lifted or not p.is_external
+    )
+    springs = elastic.springs
+    if springs is None:
+        return replace(elastic, potentials=inner)
+    rest = np.full(len(springs.stiffness), np.nan)
+    if q is not None:
+        rest = springs.positions(elastic.mechanism.at(q))
+    return replace(elastic, springs=springs.unloaded(rest), potentials=inner)
+
+
+def at_rest(elastic: ElasticMechanism) -> ElasticMechanism:
+    """The mechanism with all rest positions open, without gravity and loads."""
+    return unloaded(elastic).with_gravity(None)
+
+
+# Bound on the parameters whose forces a model keeps.
+_MOST_KNOWN = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Displacements of small loads.
+
+    They are linear in the load but for nonlinear springs in joints of an open chain:
+    their torques t follow from the load alone, and with them their deflections x(t). A
+    coefficient c_m of ``t = c_1 x + c_2 x^2 + ...`` has ``dx/dc_m = -x^m / (dt/dx)``.
+
+    Attributes
+    ----------
+    unknowns : Unknowns
+        Parameters; their mechanism is the measured one.
+    measured : Measurements
+        The rows.
+    """
+
+    unknowns: Unknowns
+    measured: Measurements
+    #: Forces by parameters; models of the same postures, from `replace`, share them.
+    _known: dict[bytes, tuple[Array, Array, Array, Array]] = field(default_factory=dict)
+
+    @cached_property
+    def _rest(self) -> ElasticMechanism:
+        elastic = at_rest(self.unknowns.elements.elastic)
+        springs = elastic.springs
+        if springs is not None and springs.laws and is_open_chain(elastic):
+            k = springs.stiffness.copy()
+            k[list(springs.laws)] = 1.0  # any value: these are no elements
+            springs = springs.linear(springs.laws).replaced(k, np.full(len(k), np.nan))
+            elastic = replace(elastic, springs=springs)
+        return elastic
+
+    @cached_property
+    def _is_open(self) -> bool:
+        """Whether the forces are the Jacobian's rows: an open chain of springs."""
+        return self._rest.springs is not None and is_open_chain(self._rest)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the prediction is linear in the parameters."""
+        mechanism = self._rest.mechanism
+        count = len(self.unknowns.elements.names)
+        legs = mechanism.coordinates_are_pose and count == 6
+        return legs or (
+            self._is_open and not any(u.law for u in self.unknowns.parameters)
+        )
+
+    @cached_property
+    def _distinct(self) -> tuple[Array, NDArray[np.intp]]:
+        """Postures that differ (k, n), and which of them each row has (N,)."""
+        groups = self.measured.postures
+        _, first = np.unique(groups, return_index=True)
+        return self.measured.q[first], groups
+
+    @cached_property
+    def poses(self) -> Array:
+        """``T_F_M`` (N, 4, 4) of the rigid mechanism."""
+        q, groups = self._distinct
+        if self._is_open:
+            return self._kinematics[0][groups]
+        return np.array([self._rest.mechanism.at(row).pose for row in q])[groups]
+
+    @cached_property
+    def _kinematics(self) -> tuple[Array, Array]:
+        """Poses and Jacobians of the distinct postures of an open chain."""
+        postures = analyse_many(
+            self._rest, self._distinct[0], outputs=("pose", "jacobian"), path="portable"
+        )
+        if not np.isfinite(postures["jacobian"]).all():
+            raise InputError("a posture has no Jacobian", got=str(postures.counts()))
+        return postures["pose"], postures["jacobian"]
+
+    @cached_property
+    def observations(self) -> Observations:
+        """The measured numbers."""
+        return observe(self.measured, self.unknowns.elements.elastic, self.poses)
+
+    @cached_property
+    def offsets(self) -> Offsets:
+        """Columns of the offsets of sessions, and of the geometry that is sought."""
+        return offsets_of(self.unknowns, self.observations, self.measured)
+
+    @cached_property
+    def _loads(self) -> tuple[Array, Array, Array]:
+        """Wrench (m, 6) of each number, whether the own weight adds to it (m,);
+        all that acts.
+        """
+        loaded, reference, _ = wrenches(
+            self.measured, self.unknowns.elements.elastic, self.poses
+        )
+        seen = self.observations
+        W = loaded[seen.row] - np.where(
+            seen.is_absolute[:, None], 0.0, reference[seen.row]
+        )
+        return W, seen.is_absolute, loaded[seen.row]
+
+    @cached_property
+    def _weights(self) -> Array:
+        """Generalised forces (k, n) of the mechanism's own weight in the
+        distinct postures.
+        """
+        elastic, (q, _) = self.unknowns.elements.elastic, self._distinct
+        if elastic.gravity is None:
+            return np.zeros((len(q), elastic.mechanism.at(q[0]).motion.jacobian.shape[1]))
+        lifts = [p for p in elastic.potentials if p.lifted]
+        acting = [Gravity(elastic.gravity), *lifts]
+        postures = [elastic.mechanism.at(x) for x in q]
+        return np.array(
+            [-sum(term.evaluate(at).gradient for term in acting) for at in postures]
+        )
+
+    def _forces(self, theta: Array) -> tuple[Array, Array, Array, Array]:
+        """Per distinct posture: F (k, E, 6), C (k, 6, 6), and the weight's
+        forces and twist.
+        """
+        q, _ = self._distinct
+        weights = self._weights
+        Gamma = self.unknowns.compliance(theta)
+        # An arm: the Jacobian says it all.
+        if self._is_open:
+            J = self._kinematics[1]
+            at = [self._rest.names.index(n) for n in self.unknowns.elements.names]
+            J = J[:, :, at]
+            F = J.swapaxes(1, 2)
+            own = weights[:, at]
+            return F, J @ Gamma @ F, own, np.einsum("kie,ef,kf->ki", J, Gamma, own)
+        # Others are analysed at each posture.
+        if (key := theta.tobytes()) in self._known:
+            return self._known[key]
+        elastic = at_rest(self.unknowns.mechanism(theta))
+        elements = type(self.unknowns.elements)(elastic)
+        parts = []
+        for row, weight in zip(q, weights, strict=True):
+            try:
+                parts.append(influence_of(analyse(elastic, row), elements, weight))
+            except UndefinedError as error:
+                place = np.flatnonzero((self.measured.q == row).all(axis=1))[0]
+                raise InputError(
+                    f"row {self.measured.rows[place]}: {error}",
+                    expected="a posture in which the springs hold the mechanism",
+                ) from None
+        F, C, own, twists = (np.array(part) for part in zip(*parts, strict=True))
+        if len(self._known) == _MOST_KNOWN:
+            self._known.clear()
+        self._known[key] = F, C, own, twists
+        return F, C, own, twists
+
+    def at(self, theta: Array) -> tuple[Array, Array]:
+        """Predictions (m,) and derivatives (m, P).
+
+        Raises
+        ------
+        InputError
+            If the springs do not hold a row's posture, or a law does not reach its
+            torque.
+        """
+        y, A = self._at(theta)
+        for p in (
+            self._tensioned
+        ):  # the tension, and with it the turning stiffness, changes too
+            step = np.zeros(len(theta))
+            step[p] = numerics.WIDE_DIFFERENCE_STEP * self.unknowns.sizes[p]
+            A[:, p] = (self._at(theta + step)[0] - self._at(theta - step)[0]) / (
+                2.0 * step[p]
+            )
+        return y, A
+
+    @cached_property
+    def _tensioned(self) -> list[int]:
+        """Parameters of lines whose rest lengths are given."""
+        lines = {n for n in self.unknowns.elements.names if n.startswith("line")}
+        lines -= set(self._rest.names)
+        return [
+            p
+            for p, u in enumerate(self.unknowns.parameters)
+            if any(a in lines for a, _, _ in u.pattern.entries)
+        ]
+
+    def _at(self, theta: Array) -> tuple[Array, Array]:
+        """The same with forces in the springs that do not depend on their stiffness."""
+        _, C, _, own_twist = self._forces(theta)
+        by_load, by_functional = self.forces_in(theta)
+        W, weighs, _ = self._loads
+        a, place = self.observations.functional, self._distinct[1][self.observations.row]
+        twist = np.einsum("mij,mj->mi", C[place], W) + weighs[:, None] * own_twist[place]
+        y = np.einsum("mi,mi->m", a, twist)
+        A = derivatives(by_functional, by_load, self.unknowns.patterns)
+        laws = self.unknowns.laws(theta) if self._is_open else {}
+        for name, law in laws.items():
+            self._add_bent(y, A, theta, name, law)
+        return y, A
+
+    def _add_bent(
+        self, y: Array, A: Array, theta: Array, name: str, law: SpringLaw
+    ) -> None:
+        """Add the deflection of a nonlinear spring in an open chain,
+        and its derivatives.
+        """
+        seen, j = self.observations, self._rest.names.index(name)
+        place = self._distinct[1][seen.row]
+        J, own = self._kinematics[1][place, :, j], self._weights[place, j]
+        moved, (W, weighs, loaded) = (
+            np.einsum("mi,mi->m", J, seen.functional),
+            self._loads,
+        )
+        torque = np.einsum("mi,mi->m", J, loaded) + own
+        # A position differs from that of the rigid arm, a displacement from the state
+        # before.
+        before = np.where(weighs, 0.0, torque - np.einsum("mi,mi->m", J, W))
+        for t, sign in ((torque, 1.0), (before, -1.0)):
+            each, back = np.unique(t, return_inverse=True)  # one for a row's numbers
+            roots = [law.deflection_for(float(value)) for value in each]
+            x, k = (
+                np.array(roots)[back],
+                np.array([law.evaluate(v)[2] for v in roots])[back],
+            )
+            y += sign * moved * x
+            for p, unknown in enumerate(self.unknowns.parameters):
+                joint, power = unknown.law or ("", 0)
+                if joint == name:
+                    by = theta[p] ** -2 if power == 1 else -1.0
+                    A[:, p] += sign * moved * by * x**power / k
+
+    def forces_in(self, theta: Array) -> tuple[Array, Array]:
+        """Forces (m, E) in the elements under each number's load,
+        and under its functional.
+        """
+        F, _, own_forces, _ = self._forces(theta)
+        seen = self.observations
+        W, weighs, _ = self._loads
+        place = self._distinct[1][seen.row]
+        by_load = (
+            np.einsum("mei,mi->me", F[place], W) + weighs[:, None] * own_forces[place]
+        )
+        return by_load, np.einsum("mei,mi->me", F[place], seen.functional)
+
+
+def is_open_chain(elastic: ElasticMechanism) -> bool:
+    """Whether the torque of each joint follows from the load alone: no loops,
+    no other springs.
+    """
+    mechanism = elastic.mechanism
+    others = any(not (p.is_external or p.members) for p in elastic.potentials)
+    return not (mechanism.coordinates_are_pose or mechanism.closures or others)
+
+
+def derivatives(
+    by_functional: Array, by_load: Array, patterns: Array | Sequence[Array]
+) -> Array:
+    """``(F a)^T S (F W)`` (m, P) from forces (m, E) and patterns (P, E, E)."""
+    columns = []
+    for S in patterns:
+        i, j = np.nonzero(S)
+        columns.append((by_functional[:, i] * by_load[:, j]) @ S[i, j])
+    return np.stack(columns, axis=1) if columns else np.zeros((len(by_load), 0))
+
+
+# Largest changes of parameters, in natural sizes, over which an equilibrium is
+# extrapolated linearly.
+_NEAR = 0.5
+# Bound on Newton's steps at each stage of a load.
+_MAX_STAGE_STEPS = 40
+
+
+class _State(NamedTuple):
+    """Pose of M, and twist of M (along its axes) per parameter (6, P)."""
+
+    pose: Array
+    twists: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedModel(Model):
+    """Equilibria under the rows' loads."""
+
+    #: Last equilibrium of each row, its derivative by the parameters, and these.
+    _last: dict[tuple[int, bytes], tuple[Array, Array, Array]] = field(
+        default_factory=dict
+    )
+
+    #: Whether the prediction is linear in the parameters.
+    is_linear = False
+
+    @cached_property
+    def _settings(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """First row of each posture and load, and which of them each row has (N,)."""
+        groups = self.measured.settings
+        _, first = np.unique(groups, return_index=True)
+        return first, groups
+
+    @cached_property
+    def _inertial(self) -> tuple[Array, Array]:
+        """Loads along F (N, 6), and the reference's forces along F (N, 3)."""
+        elastic = self.unknowns.elements.elastic
+        _, _, inertial = wrenches(self.measured, elastic, self.poses)
+        weight0 = np.multiply.outer(self.measured.mass0, field_of(elastic))
+        return inertial, weight0 / elastic.units.newtons
+
+    def at(self, theta: Array) -> tuple[Array, Array]:
+        """Predictions (m,) and derivatives (m, P).
+
+        Raises
+        ------
+        ConvergenceError
+            If a row has no equilibrium, with its number.
+        """
+        # Below this share of its natural size a compliance has no visible effect: from
+        # there on to zero the prediction follows its derivative.
+        smallest = numerics.LEAST_COMPLIANCE_SHARE * self.unknowns.sizes
+        least = np.where(self.unknowns.is_bounded, smallest, -np.inf)
+        inside = np.maximum(theta, least)
+        y, A = self._at(inside)
+        return y + A @ (theta - inside), A
+
+    def _at(self, theta: Array) -> tuple[Array, Array]:
+        """The same for compliances above the smallest."""
+        seen, p = self.observations, np.asarray(self.measured.point)
+        mechanism = self.unknowns.mechanism(theta)
+        first, groups = self._settings
+        differs = np.zeros(len(self.measured), bool)
+        differs[seen.row[~seen.is_absolute]] = True
+        references: dict[bytes, _State] = {}
+        inertial, weight0 = self._inertial
+        y, A = np.zeros(len(seen)), np.zeros((len(seen), len(theta)))
+        # One equilibrium for rows with the same posture and load.
+        for k, n in enumerate(first):
+            rows = np.flatnonzero(groups == k)
+            at = np.flatnonzero(np.isin(seen.row, rows))
+            elastic = unloaded(mechanism, self.measured.q[n])
+            loaded = self._state(elastic, int(n), inertial[n], theta)
+            rigid = _State(self.poses[n], np.zeros((6, len(theta))))
+            before = rigid
+            if differs[rows].any():
+                key = self.measured.q[n].tobytes() + weight0[n].tobytes()
+                if key not in references:
+                    still = np.append(np.zeros(3), weight0[n])
+                    references[key] = self._state(elastic, int(n), still, theta)
+                before = references[key]
+            for i in at:
+                start = rigid if seen.is_absolute[i] else before
+                y[i], A[i] = _between(
+                    start, loaded, seen.axis[i], bool(seen.is_angle[i]), p
+                )
+        return y, A
+
+    def _state(
+        self, elastic: ElasticMechanism, n: int, load: Array, theta: Array
+    ) -> _State:
+        """Equilibrium of a row under a wrench along F,
+        sought from an extrapolated one.
+        """
+        q = self.measured.q[n]
+        P = len(self.unknowns.parameters)
+        # What acts in the row.
+        loads: list[Load] = []
+        if load[:3].any():
+            loads.append(DeadWrench(load, point=self.measured.load_at))
+        elif load.any():
+            loads.append(DeadForce(load[3:], self.measured.load_at))
+        if not loads and elastic.gravity is None:
+            return _State(elastic.mechanism.at(q).pose, np.zeros((6, P)))
+        # The search starts at the equilibrium found last.
+        system = System(elastic, loads)
+        key = (n, load.tobytes())
+        start = q
+        if key in self._last:
+            start, rates, before = self._last[key]
+            change = theta - before
+            if np.all(np.abs(change) <= _NEAR * self.unknowns.sizes):
+                start = start + rates @ change
+        try:
+            state = _solved(system, start, q, is_first=key not in self._last)
+        except CartstiffError as error:
+            raise ConvergenceError(
+                f"row {self.measured.rows[n]}: {error}", iterations=0, residual=np.nan
+            ) from None
+        posture, elements = state.point.posture, Elements(elastic)
+        sought = [u.pattern for u in self.unknowns.parameters]
+        motion = motion_by_compliance(posture, state.balance, elements, sought)
+        self._last[key] = state.point.q, motion, theta.copy()
+        return _State(posture.pose, posture.motion.jacobian @ motion)
+
+
+def _solved(system: System, start: Array, forces: Array, *, is_first: bool) -> Solution:
+    """Equilibrium near an expected one, else near the commanded positions.
+
+    In the first search of a row the load is increased in stages if that fails.
+    """
+    try:
+        return solve(system, start, settle=False)
+    except CartstiffError:
+        if is_first:
+            staged = in_stages(system, forces, _MAX_STAGE_STEPS, settle=False)
+            if staged is None:
+                raise
+            return staged
+        return solve(system, forces, settle=False)
+
+
+def needs_equilibrium(elastic: ElasticMechanism) -> bool:
+    """Whether the torques of nonlinear springs do not follow from the load alone.
+
+    In closed chains, and beside lines, they depend on the deflections of all springs.
+    """
+    return bool(laws_of(elastic)) and not is_open_chain(elastic)
+
+
+def model_of(unknowns: Unknowns, measured: Measurements, loaded: bool = False) -> Model:
+    """The model of equilibria if `loaded` or needed, else that of small loads."""
+    if loaded or needs_equilibrium(unknowns.elements.elastic):
+        return LoadedModel(unknowns, measured)
+    return Model(unknowns, measured)
+
+
+def _between(
+    start: _State, end: _State, axis: Array, is_angle: bool, point: Array
+) -> tuple[float, Array]:
+    """Displacement of a point, or turn, along an axis of F between two states;
+    derivatives.
+    """
+    R, R0 = end.pose[:3, :3], start.pose[:3, :3]
+    if is_angle:
+        turn = se3.log(se3.pose(R @ R0.T))
+        rates = R @ end.twists[:3] - R @ start.twists[:3]
+        return float(axis @ turn[:3]), axis @ se3.right_jacobian_inverse(-turn)[
+            :3, :3
+        ] @ rates
+    moved = end.pose[:3, 3] + R @ point - start.pose[:3, 3] - R0 @ point
+    rates = R @ _of_point(end.twists, point) - R0 @ _of_point(start.twists, point)
+    return float(axis @ moved), axis @ rates
+
+
+def _of_point(twists: Array, point: Array) -> Array:
+    """``v + omega x p`` for columns of twists (6, P)."""
+    return np.asarray(twists[3:] - se3.skew(point) @ twists[:3])

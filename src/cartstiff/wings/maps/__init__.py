@@ -1,0 +1,1 @@
+"""Stiffness over many postures: where to look, computing, files, reading, pictures."""
