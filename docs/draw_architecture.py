@@ -11,99 +11,77 @@ from collections import Counter
 from pathlib import Path
 
 SOURCES = Path(__file__).resolve().parents[1] / "src" / "cartstiff"
-# From the ground up; a package may import from its own row and from rows below.
+# From the ground up; a room may import from its own row and from rows below.
 ROWS = [
-    ["errors"],
-    ["geometry"],
-    ["potentials"],
-    ["mechanisms"],
-    ["stiffness"],
+    ["core/numerics", "core/geometry"],
+    ["core/potentials"],
+    ["core/mechanisms"],
+    ["core/stiffness"],
+    ["core/statics"],
     ["kinematics"],
-    ["loading"],
-    ["analysis", "statics"],
-    ["vibration"],
-    ["batch"],
-    ["maps"],
-    ["toolpaths", "reach", "gradients"],
-    ["designs"],
-    ["identify"],
+    ["files"],
     ["answer"],
-    ["report"],
-    ["scene"],
-    ["page"],
-    ["cli"],
+    ["recorded"],
+    ["wings/maps", "wings/toolpaths", "wings/reach", "wings/identify"],
+    ["shown/report", "shown/scene"],
+    ["shown/page"],
+    ["shown/cli"],
 ]
 WORDS = {
-    "errors": "refusals and states that carry their numbers",
-    "geometry": "SE(3), connections, charts",
-    "potentials": "energies: springs, loads, gravity, your own",
-    "mechanisms": "coordinates to poses",
-    "stiffness": "the one reduction; the tensor",
-    "analysis": "what the matrices say",
-    "answer": "what is said, once",
-    "statics": "equilibrium, stability, load curves",
-    "vibration": "modes, response",
-    "loading": "files and models to mechanisms",
+    "core/numerics": "when a number counts as zero",
+    "core/geometry": "SE(3), connections, charts",
+    "core/potentials": "energies: springs, loads, gravity, your own",
+    "core/mechanisms": "coordinates to poses",
+    "core/stiffness": "the one reduction; the tensor",
+    "core/statics": "equilibrium, stability, load curves",
     "kinematics": "inverse kinematics",
-    "batch": "many postures at once",
-    "maps": "workspaces, in files",
-    "toolpaths": "the stiffest postures",
-    "gradients": "exact derivatives",
-    "reach": "where it can be",
-    "designs": "parameters varied and judged",
-    "identify": "springs from measurements",
-    "report": "text, JSON, figures",
-    "scene": "3D pictures",
-    "page": "the page in the browser",
-    "cli": "parse, call, print",
+    "files": "files and models to mechanisms",
+    "answer": "what the matrices say; modes; what is said, once",
+    "recorded": "many postures at once; exact derivatives",
+    "wings/maps": "workspaces and designs, in files",
+    "wings/toolpaths": "the stiffest postures",
+    "wings/reach": "where it can be",
+    "wings/identify": "springs from measurements",
+    "shown/report": "text, JSON, figures",
+    "shown/scene": "3D pictures",
+    "shown/page": "the page in the browser",
+    "shown/cli": "parse, call, print",
 }
-# Read by everything, and read at most errors.
-SMALL = {
-    "arrays",
-    "checked_call",
-    "child_process",
-    "choices",
-    "writing",
-    "described",
-    "expressions",
-    "figures",
-    "lazily",
-    "matrix_names",
-    "notebook",
-    "notes",
-    "numerics",
-    "parsing",
-    "results",
-    "ros_packages",
-    "units",
-    "version",
-}
+# Rooms of several: each of theirs is drawn. Files between them are read by everything.
+HOUSES = {"core", "wings", "shown"}
 WIDTH, HEIGHT, GAP, MARGIN = 320, 52, 34, 20
 SIDE = 110  # room for the arrows that pass by a row
 
 
-def layer_of(module: str) -> str:
-    """Package (or top module) a dotted name belongs to: "geometry" of cartstiff.geometry.se3."""
-    parts = module.split(".")
-    return parts[1] if len(parts) > 1 else ""
+def room_of(parts: tuple[str, ...]) -> str:
+    """Room of a module: "core/geometry" of ("core", "geometry", "se3"); "" of no room."""
+    if not parts or not (SOURCES / parts[0]).is_dir():
+        return ""
+    if parts[0] not in HOUSES:
+        return parts[0]
+    is_room = len(parts) > 1 and "/".join(parts[:2]) in WORDS
+    return "/".join(parts[:2]) if is_room else ""
 
 
 def imports() -> dict[str, dict[str, int]]:
-    """How many modules of each package import from each other package."""
+    """How many modules of each room import from each other room."""
     found: dict[str, dict[str, int]] = {}
     for path in sorted(SOURCES.rglob("*.py")):
-        relative = path.relative_to(SOURCES)
-        package = relative.parts[0].removesuffix(".py")
-        if package.startswith("__") or package in SMALL | {"extend"}:  # it hands over
+        room = room_of(path.relative_to(SOURCES).with_suffix("").parts)
+        if not room:
             continue
         seen = set()
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-                seen.add(layer_of(node.module) if node.module.startswith("cartstiff.") else "")
+                names = [f"{node.module}.{alias.name}" for alias in node.names]
             elif isinstance(node, ast.Import):
-                seen |= {layer_of(a.name) for a in node.names if a.name.startswith("cartstiff.")}
-        counts = found.setdefault(package, {})
-        for other in seen - {"", package} - SMALL:
+                names = [alias.name for alias in node.names]
+            else:
+                continue
+            own = (name.split(".")[1:] for name in names if name.startswith("cartstiff."))
+            seen |= {room_of(tuple(parts)) for parts in own}
+        counts = found.setdefault(room, {})
+        for other in seen - {"", room}:
             counts[other] = counts.get(other, 0) + 1
     return found
 
@@ -125,7 +103,8 @@ def sizes() -> list[tuple[str, int, int, int]]:
             for i, line in enumerate(lines, start=1)
         )
         parts = path.relative_to(SOURCES).parts
-        for name in (parts[0] if len(parts) > 1 else "(files at the top)", "all"):
+        at_top = "(public names)" if len(parts) == 1 else f"{parts[0]} (between its rooms)"
+        for name in (room_of(parts[:-1]) or at_top, "all"):
             table.setdefault(name, Counter()).update(files=1, lines=len(lines), code=code)
     ordered = sorted(table.items(), key=lambda item: item[1]["lines"])
     return [(name, row["files"], row["lines"], row["code"]) for name, row in ordered]
@@ -176,7 +155,7 @@ def svg(found: dict[str, dict[str, int]]) -> str:
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {total} {height}" '
         'font-family="system-ui, sans-serif" role="img">',
-        "<title>Packages of cartstiff and their imports</title>",
+        "<title>Rooms of cartstiff and their imports</title>",
         '<defs><marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" '
         'markerHeight="7" orient="auto"><path d="M0 0 8 4 0 8z" fill="#5b7083"/></marker></defs>',
         f'<rect width="{total}" height="{height}" fill="#ffffff"/>',
@@ -223,4 +202,4 @@ if __name__ == "__main__":
     for lower, higher in upward(imports()):
         print(f"points the wrong way: {lower} imports {higher}")
     for name, *numbers in sizes():
-        print(f"{name:<18}", *(f"{n:>7}" for n in numbers))
+        print(f"{name:<28}", *(f"{n:>7}" for n in numbers))

@@ -17,49 +17,48 @@ from pathlib import Path
 import pytest
 
 import cartstiff
+from tests.surface import HOMES
 
 PACKAGE = Path(cartstiff.__file__).parent
 
-#: From the bottom up; a part may import itself and what stands below it.
-LAYERS = [
-    {"choices", "errors", "lazily", "matrix_names", "numerics", "version"},
-    {"parsing", "expressions", "arrays", "child_process", "ros_packages", "figures", "notebook"},
-    {"checked_call", "described", "notes", "units", "writing"},
-    {"results"},
-    {"geometry"},
-    {"potentials"},
-    {"mechanisms"},
-    {"stiffness"},
-    {"kinematics"},
-    {"loading"},
-    {"analysis", "statics"},
-    {"vibration"},
-    {"batch"},
-    {"maps"},
-    {"reach", "toolpaths", "gradients"},
-    {"designs"},
-    {"identify"},
-    {"answer"},
-    {"report"},
-    {"scene"},
-    {"page"},
-    {"cli"},
-]
-LEVEL = {part: level for level, parts in enumerate(LAYERS) for part in parts}
-#: Modules at the top of the package that only hand over to others.
-DOORS = {"__init__", "__main__", "extend"}
+#: Rooms from the ground up; a file may import from its own room and from those below.
+ROOMS = ("core", "kinematics", "files", "answer", "recorded", "wings", "shown")
+#: What is between the rooms: public names and the start of the program.
+DOORS = {"__main__", "extend", "version", *HOMES}
+#: Parts of rooms, from the bottom up; files that stand between the parts are named one by one.
+PARTS = {
+    "core": [
+        {"choices", "errors", "lazily", "matrix_names", "numerics"},
+        {"arrays", "figures", "notebook"},
+        {"checked_call", "described", "notes", "units", "writing"},
+        {"results"},
+        {"geometry"},
+        {"potentials"},
+        {"mechanisms"},
+        {"stiffness"},
+        {"statics"},
+    ],
+    "shown": [{"report", "scene"}, {"page"}, {"cli"}],
+    # None uses another.
+    "wings": [{"maps", "toolpaths", "reach", "identify"}],
+}
 
 #: Who alone may import what.
-OWNERS = {"pinocchio": {"mechanisms", "loading"}, "meshcat": {"scene", "page"}}
+OWNERS = {
+    "pinocchio": {("core", "mechanisms"), "files"},
+    "meshcat": {("shown", "scene"), ("shown", "page")},
+}
+#: Most tokens of the core.
+MOST_OF_CORE = 138_000
 #: Packages that neither `import cartstiff` nor `--help` may load.
 HEAVY = ("numpy", "pinocchio", "scipy", "matplotlib", "tornado", "meshcat")
 
 
-def _modules() -> Iterator[tuple[str, Path]]:
-    """Part of the package and file, for each module."""
+def _modules() -> Iterator[tuple[tuple[str, ...], Path]]:
+    """Place in the package, as ("core", "geometry", "se3"), and file, for each module."""
     for path in sorted(PACKAGE.rglob("*.py")):
-        first = path.relative_to(PACKAGE).parts[0]
-        yield first.removesuffix(".py"), path
+        place = path.relative_to(PACKAGE).with_suffix("").parts
+        yield place[:-1] if place[-1] == "__init__" else place, path
 
 
 @cache
@@ -85,25 +84,74 @@ def _imports(path: Path) -> Iterator[tuple[int, str]]:
 MODULES = list(_modules())
 
 
-def test_every_part_has_its_place():
-    parts = {part for part, _ in MODULES} - DOORS
-    assert parts <= set(LEVEL), f"no layer for {sorted(parts - set(LEVEL))}"
-    assert {"errors", "geometry", "potentials", "mechanisms", "stiffness"} <= parts
+def _levels(place: tuple[str, ...]) -> tuple[int, int, str]:
+    """Floor of the room, floor of the part in it, and the part."""
+    room = ROOMS.index(place[0])
+    part = place[1] if len(place) > 1 else ""
+    floors = PARTS.get(place[0], [])
+    level = next((i for i, parts in enumerate(floors) if part in parts), -1)
+    return room, level, part if floors else ""
+
+
+def _inner() -> Iterator[tuple[str, tuple[str, ...], tuple[str, ...]]]:
+    """Each import of a module of ours by another: line, who, what."""
+    for place, path in MODULES:
+        if not place or place[0] in DOORS:
+            continue
+        for line, module in _imports(path):
+            other = tuple(module.split(".")[1:])
+            if module.partition(".")[0] == "cartstiff" and other:
+                yield f"{path.relative_to(PACKAGE)}:{line}", place, other
+
+
+def test_every_file_has_its_room():
+    rooms = {place[0] for place, _ in MODULES if place} - DOORS
+    assert rooms == set(ROOMS)
+    for room, floors in PARTS.items():
+        parts = {place[1] for place, _ in MODULES if place[:1] == (room,) and len(place) > 1}
+        assert parts == set().union(*floors), room
 
 
 def test_imports_point_one_way():
-    wrong = []
-    for part, path in MODULES:
-        if part in DOORS:
+    """From room to room, and from part to part within a room; public names are for users."""
+    wrong, seen = [], 0
+    for where, place, other in _inner():
+        if other[0] == "version":
             continue
-        for line, module in _imports(path):
-            package, _, rest = module.partition(".")
-            other = rest.partition(".")[0]
-            if package != "cartstiff" or other == part:
-                continue
-            if LEVEL.get(other, -1) >= LEVEL[part]:
-                wrong.append(f"{path.name}:{line}: {part} must not import {other}")
+        seen += 1
+        if other[0] in DOORS:
+            wrong.append(f"{where}: {other[0]} is for users")
+            continue
+        room, level, part = _levels(place)
+        other_room, other_level, other_part = _levels(other)
+        if other_room > room or (
+            other_room == room and part != other_part and other_part and other_level >= level
+        ):
+            wrong.append(f"{where}: must not import {'.'.join(other)}")
+    assert seen > 2000
     assert not wrong, "\n".join(wrong)
+
+
+def test_the_core_imports_nothing_of_ours_outside_itself():
+    """Not even in functions: what it says is true without the rest."""
+    outside = [
+        f"{where}: {other}" for where, place, other in _inner() if place[0] == "core" != other[0]
+    ]
+    assert not outside
+
+
+def test_no_wing_uses_another():
+    others = [
+        f"{where}: {'.'.join(other)}"
+        for where, place, other in _inner()
+        if place[:1] == ("wings",) == other[:1] and len(place) > 1 and place[1:2] != other[1:2]
+    ]
+    assert not others
+
+
+def test_the_core_is_read_in_an_afternoon():
+    sizes = [_size(path) for place, path in MODULES if place[:1] == ("core",)]
+    assert sum(sizes) <= MOST_OF_CORE, sum(sizes)
 
 
 def _circles(needs: dict[str, set[str]]) -> list[set[str]]:
@@ -145,7 +193,7 @@ def _needs() -> dict[str, set[str]]:
 def test_no_file_needs_itself():
     files = {name for name, path in FILES.items() if path.name != "__init__.py"}
     needs = {name: found & files for name, found in _needs().items() if name in files}
-    assert needs["cartstiff.core.geometry.charts"] >= {"cartstiff.geometry.se3"}
+    assert needs["cartstiff.core.geometry.charts"] >= {"cartstiff.core.geometry.se3"}
     assert _circles({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == [{"b", "c"}]
     assert not _circles(needs)
 
@@ -187,21 +235,22 @@ def test_files_named_on_the_page_exist():
 
 
 def test_heavy_packages_have_owners():
-    wrong = [
-        f"{path.name}:{line}: {part} imports {module}"
-        for part, path in MODULES
-        for line, module in _imports(path)
-        if part not in OWNERS.get(module.partition(".")[0], {part})
-    ]
+    wrong = []
+    for place, path in MODULES:
+        for line, module in _imports(path):
+            owners = OWNERS.get(module.partition(".")[0])
+            if owners is not None and owners.isdisjoint({place[:1][0] if place else "", place[:2]}):
+                wrong.append(f"{path.relative_to(PACKAGE)}:{line}: imports {module}")
     assert not wrong, "\n".join(wrong)
 
 
 def test_the_reader_of_imports_sees_them():
     """The walker finds imports inside functions and relative ones."""
-    found = {m for _, m in _imports(PACKAGE / "potentials" / "spring_laws.py")}
+    found = {m for _, m in _imports(PACKAGE / "core" / "potentials" / "spring_laws.py")}
     assert "cartstiff.core.errors" in found
+    found = {m for p, f in MODULES if p[:2] == ("core", "potentials") for _, m in _imports(f)}
     assert "scipy.interpolate" in found  # imported inside a function
-    names = {m for p, f in MODULES if p == "mechanisms" for _, m in _imports(f)}
+    names = {m for p, f in MODULES if p[:2] == ("core", "mechanisms") for _, m in _imports(f)}
     assert "pinocchio" in names
 
 
@@ -251,25 +300,15 @@ def test_a_posture_without_a_load_starts_with_little(tmp_path):
     file = tmp_path / "arm.yaml"
     file.write_text("kind: serial\nmodel: ur5\npassive: []\nlocked: {elbow_joint: 1.0}\n")
     assert {"SerialFile"} == set(modules_and_models(file)[1])
-    needless = (
-        "cartstiff.shown.page",
+    needless = ("cartstiff.shown.page", "cartstiff.shown.scene", "cartstiff.shown.report.analysis")
+    needless += (
         "cartstiff.core.statics",
-        "cartstiff.scene",
-        "cartstiff.recorded",
+        "cartstiff.recorded.tape",
+        "cartstiff.recorded.recording",
     )
-    needless += (
-        "cartstiff.shown.report.analysis",
-        "scipy",
-        "ruamel",
-        "tornado",
-        "pydantic.type_adapter",
-    )
+    needless += ("scipy", "ruamel", "tornado", "pydantic.type_adapter", "subprocess")
     needless += ("cartstiff.answer.analysis.congruence", "cartstiff.answer.analysis.deflection")
-    needless += (
-        "cartstiff.core.potentials.loads",
-        "cartstiff.core.potentials.line_springs",
-        "subprocess",
-    )
+    needless += ("cartstiff.core.potentials.loads", "cartstiff.core.potentials.line_springs")
     needless += ("cartstiff.core.mechanisms.identified", "cartstiff.core.mechanisms.shapes")
     needless += ("cartstiff.core.mechanisms.leg_shapes", "cartstiff.files.findings")
     assert [m for m in modules if m.startswith(needless)] == []
@@ -307,15 +346,15 @@ def test_a_posture_passes_the_packages_of_the_page():
         "def see(frame, event, _):\n"
         "    file, flags = frame.f_code.co_filename, frame.f_code.co_flags\n"
         "    if flags & inspect.CO_OPTIMIZED and file.startswith(str(base)):\n"
-        "        seen.add(Path(file).relative_to(base).parts[:-1][:1])\n"
+        "        seen.add('/'.join(Path(file).relative_to(base).parts[:-1]))\n"
         "sys.setprofile(see)\n"
         f"try: main({command[1].split()!r})\n"
         "except SystemExit: sys.setprofile(None)\n"
-        "print(json.dumps(sorted(part[0] for part in seen if part)))"
+        "print(json.dumps(sorted(seen - {'', 'core'})))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     visited = json.loads(done.stdout.splitlines()[-1])
-    assert visited == sorted(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE))
+    assert visited == sorted(re.findall(r"^\| `([\w/]+)` \|", table, re.MULTILINE))
 
 
 def test_texts_and_pages_hardly_decide():
@@ -323,7 +362,7 @@ def test_texts_and_pages_hardly_decide():
     trees = (
         ast.parse(path.read_text("utf-8"))
         for part in ("report", "page")
-        for path in (PACKAGE / part).rglob("*.py")
+        for path in (PACKAGE / "shown" / part).rglob("*.py")
     )
     assert sum(isinstance(node, ast.IfExp) for tree in trees for node in ast.walk(tree)) <= 200
 

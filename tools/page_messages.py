@@ -1,7 +1,7 @@
 """The messages of a page as types: ``python tools/page_messages.py`` writes them.
 
-They are those of the models that `cartstiff.shown.page.messages` reads. TypeScript checks by them what
-the page's scripts send; a test holds the file to the models.
+They are those of the models that `cartstiff.shown.page.messages` reads. TypeScript checks by them
+what the page's scripts send; a test holds the file to the models.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from cartstiff.shown.page import messages
 TARGET = Path(__file__).resolve().parent / "page/messages.d.ts"
 
 _HEAD = """\
-// Written by `python tools/page_messages.py` from the models of `cartstiff.shown.page.messages`, which
-// read what a page sends: not to be changed by hand.
+// Written by `python tools/page_messages.py` from the models of `cartstiff.shown.page.messages`,
+// which read what a page sends: not to be changed by hand.
 """
 #: What the store adds to a question.
 _ADDED = ("id", "state")

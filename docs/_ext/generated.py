@@ -41,11 +41,11 @@ from sphinx.util.docutils import SphinxDirective, SphinxRole
 
 import cartstiff
 from cartstiff.answer.analysis.matrices import PURE
-from cartstiff.shown.cli import main as cli
-from cartstiff.shown.cli.declare import HELP_ALL
+from cartstiff.core.units import SI
 from cartstiff.extend import QUANTITIES, file_schema
 from cartstiff.extend import json_schema as output_schema
-from cartstiff.core.units import SI
+from cartstiff.shown.cli import main as cli
+from cartstiff.shown.cli.declare import HELP_ALL
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
@@ -290,9 +290,10 @@ class OtherModules(PackageModules):
 
     def packages(self) -> list[str]:
         """Names of the packages."""
-        base = Path(cartstiff.__file__).parent
-        names = sorted(f"cartstiff.{i.name}" for i in pkgutil.iter_modules([str(base)]))
-        return [n for n in names if n not in self.arguments and not n.endswith("__main__")]
+        named = tuple(f"{name}." for name in self.arguments)
+        base = Path(cartstiff.__file__).parents[1]
+        files = (n for n in modules_of("cartstiff") if not base.joinpath(*n.split(".")).is_dir())
+        return [name for name in files if not f"{name}.".startswith(named)]
 
 
 class PublicNames(_Text):

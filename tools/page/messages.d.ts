@@ -1,5 +1,5 @@
-// Written by `python tools/page_messages.py` from the models of `cartstiff.shown.page.messages`, which
-// read what a page sends: not to be changed by hand.
+// Written by `python tools/page_messages.py` from the models of `cartstiff.shown.page.messages`,
+// which read what a page sends: not to be changed by hand.
 
 declare namespace Messages {
 interface Measure {

@@ -26,7 +26,6 @@ AXES_WORDS: Final = {
 #: Accepted tensions of cables: any within their limits, or those of a stated
 #: distribution.
 Distribution = Literal["any", "closed-form"]
-TENSIONS: Final[tuple[Distribution, ...]] = get_args(Distribution)
 #: Level of detail of the printed analysis.
 Level = Literal["full", "short", "none"]
 #: Frequency responses, and the order of the derivative of the displacement in each.

@@ -849,7 +849,7 @@ class ChainNumbers:
     def noteworthy(
         self, tangent: Array, own: tuple[Array, Array], outer: tuple[Array, Array]
     ) -> Array:
-        """`cartstiff.recorded.algebra.noteworthy`, from H_L and K^B with their inverses."""
+        """`cartstiff.recorded.algebra.noteworthy`, from H_L, K^B and their inverses."""
         margin = 2.0 if self.n == 6 else 100.0
         return noteworthy(self.squared_condition, tangent, own, outer, margin=margin)
 

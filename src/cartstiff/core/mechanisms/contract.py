@@ -127,7 +127,7 @@ class MechanismPosture(ABC):
         return None
 
     def cut(self) -> Any:
-        """The same with all joints cut, see `cartstiff.core.mechanisms.cut_joints`; None for
+        """The same with all joints cut (`cartstiff.core.mechanisms.cut_joints`); None for
         a body without joints.
         """
         return None

@@ -257,15 +257,6 @@ def tensions_of(elastic: ElasticMechanism, posture: _Placed) -> Array | None:
     return springs.pull_at(posture.q, posture.pose)
 
 
-def forces_beyond(bounds: Array, tensions: Array) -> NDArray[np.bool_]:
-    """Which tensions (..., m) are beyond their bounds (m, 2),
-    to rounding of the largest.
-    """
-    roundoff = _ROUNDOFF * np.abs(tensions).max(axis=-1, initial=0.0, keepdims=True)
-    below, above = tensions < bounds[:, 0] - roundoff, tensions > bounds[:, 1] + roundoff
-    return np.asarray(below | above)
-
-
 def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
     """Return a note on joint deflections over 5 deg, and tip deflections over a tenth
     of the reach.

@@ -538,7 +538,7 @@ class PostureStiffness(LabelledResult):
         )
 
     def shown_wrench(self, wrench: Array) -> Array:
-        """A wrench (6,) with round-off set to 0; see `cartstiff.core.stiffness.rounding`."""
+        """A wrench (6,) with round-off set to 0 (`cartstiff.core.stiffness.rounding`)."""
         if not any(wrench.tolist()):
             return wrench
         H = None if self._load_is_given else self.evaluation.hessian

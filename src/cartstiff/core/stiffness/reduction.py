@@ -77,7 +77,7 @@ from cartstiff.core.stiffness.rounding import (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reduction(ShownInLines):
-    """Result of equation (4) of `cartstiff.core.stiffness.reduction`, and the motions of (5).
+    """Result of (4) of `cartstiff.core.stiffness.reduction`, and the motions of (5).
 
     Attributes
     ----------

@@ -345,7 +345,7 @@ def _always_illustrative(elastic: ElasticMechanism) -> bool:
 
 
 def _doubted(elastic: ElasticMechanism) -> dict[str, Any]:
-    """What `cartstiff.core.mechanisms.limits.deflection_notes` doubts, with units: joints that
+    """What `core.mechanisms.limits.deflection_notes` doubts, with units: joints that
     wind up, and tips that move, or legs that stretch by a share of their length.
     """
     springs: Any = elastic.springs

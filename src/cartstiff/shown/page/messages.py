@@ -42,7 +42,7 @@ class _Strict(BaseModel):
 
 
 class Measure(_Strict):
-    """How large values are drawn, as `cartstiff.shown.scene.scales` says it in a legend."""
+    """How large values are drawn, as `cartstiff.shown.scene.scales` says in a legend."""
 
     kind: Literal["root", "linear", "log"]
     value_per_length: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None

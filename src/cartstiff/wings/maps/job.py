@@ -13,9 +13,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.mechanisms.limits import Limits, forces_beyond
+from cartstiff.core.mechanisms.limits import Limits
 from cartstiff.recorded.following import Assembler, Closed
 from cartstiff.recorded.kernels import CLOSED_CHUNK, Backend
 from cartstiff.recorded.own_outputs import OwnOutputs
@@ -242,7 +243,7 @@ class MapJob:
                 self.elastic, q[left], wrench, self.settings.load, self.load_axes
             )
             # Postures at which no tensions balance the load have a state of their own.
-            beyond[left] = forces_beyond(legs.forces, tensions).any(axis=1)
+            beyond[left] = _beyond(legs.forces, tensions).any(axis=1)
         return beyond
 
     def _cost(self, q: Array) -> Array:
@@ -271,3 +272,13 @@ class MapJob:
 
 def _code(name: str) -> int:
     return STATES.index(name if name in STATES else "other")
+
+
+def _beyond(bounds: Array, tensions: Array) -> NDArray[np.bool_]:
+    """Which tensions (..., m) are beyond their bounds (m, 2),
+    to rounding of the largest.
+    """
+    largest = np.abs(tensions).max(axis=-1, initial=0.0, keepdims=True)
+    roundoff = numerics.LIMIT_SLACK * largest
+    below, above = tensions < bounds[:, 0] - roundoff, tensions > bounds[:, 1] + roundoff
+    return np.asarray(below | above)

@@ -50,7 +50,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, product
-from typing import Any, ClassVar, Literal, NamedTuple, cast
+from typing import Any, ClassVar, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,7 +64,7 @@ from cartstiff.core.arrays import (
     plain,
 )
 from cartstiff.core.checked_call import checked
-from cartstiff.core.choices import TENSIONS, Distribution
+from cartstiff.core.choices import Distribution
 from cartstiff.core.described import described
 from cartstiff.core.errors import InputError
 from cartstiff.core.figures import new_figure
@@ -457,10 +457,10 @@ def _limits_of_forces(platform: Platform, springs: LineSprings) -> Array | None:
 
 def _check_distribution(tensions: str, forces: Array | None) -> None:
     """Refuse a distribution of tensions that does not exist within limits (m, 2)."""
-    if tensions not in TENSIONS:
+    if tensions not in get_args(Distribution):
         raise InputError(
             "unknown distribution of tensions",
-            expected=" or ".join(TENSIONS),
+            expected=" or ".join(get_args(Distribution)),
             got=tensions,
         )
     if tensions != "any" and (forces is None or not np.isfinite(forces).all()):

@@ -289,7 +289,7 @@ class Method(FileModel):
             raise ValueError(
                 f"{kind} is no method: sweep with grid, sobol or latin-hypercube, or "
                 "give "
-                "cartstiff.wings.maps.designs.run.evaluator(study) to an optimiser such as scipy's"
+                "cartstiff.extend.evaluator(study) to an optimiser such as scipy's"
             )
         return kind
 
