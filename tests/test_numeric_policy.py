@@ -23,6 +23,7 @@ ALLOWED = {
     "recorded/vector_code.py": "coefficients of sine and cosine",
     "core/mechanisms/tree.py": "limits that stand for none",
     "shown/page/api.py": "bytes to megabytes",
+    "shown/page/guides.py": "metres that a guide allows",
     "wings/identify/measurements.py": "metres that no robot moves under a newton",
     "wings/identify/identification.py": "the error of a zero whose effect is reported",
     "core/choices.py": "the largest number that is taken",
