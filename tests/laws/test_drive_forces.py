@@ -172,7 +172,7 @@ def test_a_recorded_posture_doubts_the_forces_that_the_core_doubts():
     ur5 = cs.load("ur5")
     recorded = RecordedPostures(ur5)
     recorded.posture(ur5.q, np.array([0, 0, 0, 0, 0, -1.0]), DEAD_AT_ORIGIN, "world")
-    recorded.record()
+    recorded.record().join()
     rng, doubted = np.random.default_rng(8), []
     for size in np.linspace(-700.0, 700.0, 57):
         q, wrench = ur5.q + rng.uniform(-0.4, 0.4, 6), np.array([0, 0, 0, 0, 0, size])

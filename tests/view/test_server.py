@@ -15,6 +15,7 @@ import urllib.request
 from urllib.parse import urlsplit
 
 import pytest
+from tests.doors import DEAD_AT_ORIGIN
 from tests.inner import Background, Source
 from tests.inner import server as serving
 from tests.view.conftest import NoPicture, Tab
@@ -81,6 +82,19 @@ def test_the_first_picture_is_prepared_before_anybody_asks(platform):
         first.close()
     finally:
         server.close()
+
+
+def test_programs_are_recorded_while_a_user_looks_on(page, platform, monkeypatch):
+    monkeypatch.setattr(serving, "_LOOKED_AT", 0.05)
+    tab = Tab(page.url)
+    assert tab.read()["do"] == "hello"
+    (inside,) = page.server.tabs
+    found = [inside._session.postures.posture(platform.q, None, DEAD_AT_ORIGIN, "body")]
+    while not found[-1].is_plain:
+        time.sleep(0.01)
+        found.append(inside._session.postures.posture(platform.q, None, DEAD_AT_ORIGIN, "body"))
+    assert abs(found[-1]["K"] - found[0]["K"]).max() < 1e-9 * abs(found[0]["K"]).max()
+    tab.close()
 
 
 def test_a_tab_is_told_why_there_is_no_picture(platform):

@@ -270,6 +270,11 @@ def with_numbers(
         "_load_is_given": wrench is not None and any(wrench.tolist()),
         "_asked": question.elastic,
         "_rest_is_chosen": wrench is not None,
+        "_notes": None,
+        "_before_load": None,
+        "state": "regular",
+        "is_plain": True,
+        "_outputs": numbers,
     }
     for name in _ALIKE:
         known[name] = numbers.get(name)

@@ -123,28 +123,13 @@ def fill(
             rows["pose"][...] = at.pose
         return "unbalanced", np.asarray(at.q)
     for name, row in rows.items():
-        value = _output(result, name)
-        if value is not None:
-            row[...] = value
+        if name not in OF_VIBRATIONS:  # those of recordings
+            row[...] = result[name]
     return state_of(result, rows), result.q
 
 
 def _closed(elastic: ElasticMechanism, q: Array) -> Array:
     return np.asarray(elastic.mechanism.closed(elastic.mechanism.checked(q)).q)
-
-
-def _output(result: PostureStiffness, name: str) -> Array | float | None:
-    kind, _, connection = name.partition("_")
-    if connection == "load":
-        return result.tangent if kind == "stiffness" else result.tangent_compliance
-    if kind == "stiffness":
-        return result.matrices[connection]
-    if kind == "compliance":
-        return result.compliances[connection]
-    if name in OF_VIBRATIONS:
-        return None  # those of recordings
-    value: Array | float | None = getattr(result, name)
-    return value
 
 
 #: Factor from a limit beyond which a state is certain.

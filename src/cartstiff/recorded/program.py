@@ -14,32 +14,31 @@ import math
 import os
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any, Literal, TypedDict, Unpack
+from typing import Any, ClassVar, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.core.arrays import checked_input, fixed
 from cartstiff.core.checked_call import checked
-from cartstiff.core.errors import (
-    InputError,
-    UndefinedError,
-    UnknownNameError,
-    check_name,
-)
+from cartstiff.core.errors import InputError, UndefinedError, check_name
 from cartstiff.core.geometry.connections import Connection
 from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
+    Axes,
     LoadKind,
     checked_load,
 )
+from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.recorded.algebra import PLAIN
 from cartstiff.recorded.arguments import (
     EVERY_OUTPUT,
+    NOTEWORTHY,
     checked_names,
     checked_q,
     checked_wrench,
@@ -49,6 +48,7 @@ from cartstiff.recorded.assembly import Assembly, one_posture
 from cartstiff.recorded.closed_chains import settle
 from cartstiff.recorded.execution import Kernel, OnePosture
 from cartstiff.recorded.kernels import has_package, kernel_of
+from cartstiff.recorded.known_numbers import Question, with_numbers
 from cartstiff.recorded.own_outputs import Function, OwnOutputs
 from cartstiff.recorded.plans import CLOSING, SETTLING, TracedModel, program_for
 from cartstiff.recorded.postures import REGULAR, Postures
@@ -58,7 +58,7 @@ from cartstiff.recorded.quantities import (
     check_used,
     choose_quantities,
 )
-from cartstiff.recorded.recording import Recording, shapes_of, springs_of
+from cartstiff.recorded.recording import Recording, changed, shapes_of, springs_of
 from cartstiff.recorded.source_steps import Before
 from cartstiff.recorded.sources import WRITERS, Facts
 from cartstiff.recorded.tape import Program as Tape
@@ -68,73 +68,10 @@ from cartstiff.recorded.untraced import UntracedTerms
 _LARGEST = 150_000
 #: Number of postures from which vectors of full width, which are compiled apart, pay.
 WORTH_WIDENING = 1_000_000
+#: Outputs that are attributes of a posture of the same name.
+_ALIKE = "pose", "wrench", "jacobian", "tensions"
 #: Place of an output in the record, if it exists, and its shape.
 _Place = tuple[slice | None, tuple[int, ...]]
-
-
-class RecordedPosture(Mapping[str, Array]):
-    """Arrays of one posture by name, from a `Program`; also as attributes: ``answer.B``.
-
-    Attributes
-    ----------
-    q : ndarray (n,)
-        Coordinates; those of a closed chain as assembled, of compliant links as
-        deflected.
-    state : str
-        State of the posture: "regular", or a code as of `cartstiff.Postures`.
-    is_plain : bool
-        Whether the program computed it, as it is well inside the regular postures.
-        Otherwise `cartstiff.analyse` has computed it, and arrays that do not exist there
-        are NaN.
-    """
-
-    __slots__ = ("_places", "_record", "is_plain", "q", "state")
-
-    def __init__(
-        self,
-        places: Mapping[str, _Place],
-        record: Array,
-        q: Array,
-        state: str,
-        is_plain: bool,
-    ) -> None:
-        self._places, self._record, self.q = places, record, q
-        self.state, self.is_plain = state, is_plain
-
-    def __getitem__(self, name: str) -> Array:
-        """Array of an output; "B" is short for "stiffness_B"."""
-        place = self._places.get(name) or self._places.get(full_name(name))
-        if place is None:
-            raise UnknownNameError("output", name, self._places)
-        if place[0] is None:
-            return np.full(place[1], np.nan)
-        return self._record[place[0]].reshape(place[1])
-
-    def existing(self) -> dict[str, Array]:
-        """Read-only arrays of the outputs that exist, by name."""
-        record = fixed(self._record)
-        return {
-            name: record[place].reshape(shape)
-            for name, (place, shape) in self._places.items()
-            if place is not None
-        }
-
-    def __getattr__(self, name: str) -> Array:
-        if name.startswith("_"):  # of a copy that has nothing yet
-            raise AttributeError(name)
-        if name in self._places or full_name(name) in self._places:
-            return self[name]
-        raise AttributeError(f"no output {name!r}; there are {', '.join(self._places)}")
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._places)
-
-    def __len__(self) -> int:
-        return len(self._places)
-
-    def __repr__(self) -> str:
-        by = "" if self.is_plain else ", by analyse"
-        return f"RecordedPosture({self.state}{by}: {', '.join(self._places)})"
 
 
 class Inputs(TypedDict, total=False):
@@ -145,6 +82,60 @@ class Inputs(TypedDict, total=False):
     load_at: ArrayLike
     payload: ArrayLike
     tcp: ArrayLike
+
+
+class _Outputs(Mapping[str, Array]):
+    """Arrays of one posture by name, views of one record; NaN where there is none."""
+
+    __slots__ = ("_places", "_record")
+
+    def __init__(self, places: Mapping[str, _Place], record: Array) -> None:
+        self._places, self._record = places, record
+
+    def __getitem__(self, name: str) -> Array:
+        place, shape = self._places[name]
+        if place is None:
+            return np.full(shape, np.nan)
+        return self._record[place].reshape(shape)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
+    def existing(self) -> dict[str, Array]:
+        """Arrays of the outputs that exist, by name."""
+        return {
+            name: self._record[place].reshape(shape)
+            for name, (place, shape) in self._places.items()
+            if place is not None
+        }
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+@dataclass
+class _ByAnalyse:
+    """Whatever is read of a program's posture beside its outputs."""
+
+    elastic: ElasticMechanism
+    load: LoadKind
+    axes: Axes
+    q: Array
+    given: Mapping[str, Array]
+    names: ClassVar[Collection[str]] = {one.name for one in fields(PostureStiffness)}
+
+    def find(self, name: str, posture: PostureStiffness) -> Any:  # noqa: ARG002
+        """An attribute of the posture, by its name."""
+        return getattr(self._core, name)
+
+    @cached_property
+    def _core(self) -> PostureStiffness:
+        elastic, load = changed(self.elastic, self.load, self.given)
+        wrench = self.given.get("wrench")
+        return Question(elastic, self.q, wrench, load, self.axes).core
 
 
 class Program(Recording):
@@ -205,6 +196,7 @@ class Program(Recording):
         for i, name in enumerate(self.from_matrices):
             self._places[name] = slice(stop + i, stop + i + 1), ()
         self._verdict, self._state = at["verdict"].start, taken.regular
+        self._alike = tuple(n for n in _ALIKE if n in self.names and n in at)
         if taken.is_closed:
             self._closing = Assembly(taken)
         if taken.settles:
@@ -224,8 +216,8 @@ class Program(Recording):
 
     def __call__(
         self, q: ArrayLike, wrench: ArrayLike | None = None, **numbers: Unpack[Inputs]
-    ) -> RecordedPosture:
-        """Arrays of one posture.
+    ) -> PostureStiffness:
+        """One posture: outputs by their names in brackets, and all else by `analyse`.
 
         Parameters
         ----------
@@ -256,13 +248,17 @@ class Program(Recording):
         plain = self._plain(at, given)
         return self._by_analyse(at, given) if plain is None else plain
 
-    def plain(self, q: Array, wrench: Array | None = None) -> RecordedPosture | None:
+    def plain(self, q: Array, wrench: Array | None = None) -> PostureStiffness | None:
         """As a call, but None where `cartstiff.analyse` would be asked."""
         given = self._usual if wrench is None else {**self._usual, "wrench": wrench}
         return self._plain(q, given)
 
-    def _plain(self, at: Array, given: Mapping[str, Array]) -> RecordedPosture | None:
-        """Arrays of a plainly regular posture, else None."""
+    def closed(self, q: Array) -> Array | None:
+        """Coordinates that close the chain; None where the recorded steps do not."""
+        return q if self._closing is None else self._closing(q)
+
+    def _plain(self, at: Array, given: Mapping[str, Array]) -> PostureStiffness | None:
+        """A plainly regular posture, else None."""
         if self._answer is None:
             return None
         if self._closing is not None or self._settling is not None:
@@ -284,7 +280,32 @@ class Program(Recording):
                 self.from_matrices, arrays, at[None], given.get("wrench"), elastic, load
             )
             record = np.concatenate([record, *(found[n] for n in self.from_matrices)])
-        return RecordedPosture(self._places, record, at, self._state, True)
+        return self._posture(record, self._places, at, given, self._state, True)
+
+    def _posture(
+        self,
+        record: Array,
+        places: Mapping[str, _Place],
+        q: Array,
+        given: Mapping[str, Array],
+        state: str,
+        is_plain: bool,
+    ) -> PostureStiffness:
+        """A posture whose outputs are known; the rest is found when it is read."""
+        record.flags.writeable, q = False, fixed(q)
+        outputs = _Outputs(places, record)
+        if is_plain and NOTEWORTHY in places:  # then there are all numbers
+            wrench = given.get("wrench")
+            question = Question(self.elastic, q, wrench, self.load, self.load_axes)
+            return with_numbers(question, q, outputs.existing())
+        known: dict[str, Any] = {"q": q, "is_plain": is_plain, "_outputs": outputs}
+        known["state"] = state
+        for name in self._alike if is_plain else ():
+            known[name] = outputs[name]
+        if is_plain and "energy" in places:
+            known["energy"] = float(outputs["energy"])
+        later = _ByAnalyse(self.elastic, self.load, self.load_axes, q, given)
+        return PostureStiffness.of_numbers(known, later)
 
     def _refuse(self, wrench: ArrayLike | None) -> None:
         if wrench is None:
@@ -295,7 +316,7 @@ class Program(Recording):
             "the program is recorded without a load", expected="loaded=True in record"
         )
 
-    def _by_analyse(self, q: Array, given: Mapping[str, Array]) -> RecordedPosture:
+    def _by_analyse(self, q: Array, given: Mapping[str, Array]) -> PostureStiffness:
         """One posture by `cartstiff.analyse`."""
         at = checked_input(q, (self._count,), "q")[None]
         wrench, (elastic, load) = given.get("wrench"), self.with_numbers(given)
@@ -310,7 +331,9 @@ class Program(Recording):
             parts.append(part)
             stop += part.size
         state = found.codes[found.state[0]]
-        return RecordedPosture(places, np.concatenate(parts), found.q[0], state, False)
+        return self._posture(
+            np.concatenate(parts), places, found.q[0], given, state, False
+        )
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
         """Numbers of an input."""

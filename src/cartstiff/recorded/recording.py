@@ -496,28 +496,34 @@ class Recording:
         self, numbers: Mapping[str, ArrayLike]
     ) -> tuple[ElasticMechanism, LoadKind]:
         """The mechanism, and the kind of load, with other numbers of the inputs."""
-        elastic, load = self.elastic, self.load
         own = {name: numbers[name] for name in self.inputs if name in numbers}
-        # Each replaces what the mechanism has; a payload hangs on the tool.
-        if "tcp" in own:
-            x, chain = np.ravel(own["tcp"]), cast(Chain, elastic.mechanism)
-            moved = chain.with_tool(se3.from_roll_pitch_yaw(x[:3], x[3:]))
-            elastic = replace(elastic, mechanism=moved)
-        if "load_at" in own:
-            load = LoadKind(load.kind, own["load_at"])  # type: ignore[arg-type]
-        if "payload" in own:
-            mass, *centre = np.ravel(own["payload"]).tolist()
-            elastic = elastic.with_payload(mass, centre) if mass else elastic
-        if own.keys() & {"stiffness", "rest"}:
-            springs = springs_of(elastic)
-            each = {"stiffness": springs.stiffness, "rest": springs.rest, **own}
-            count = len(springs.stiffness)
-            new = (
-                checked_array(each[n], (count,), n, finite=False)
-                for n in ("stiffness", "rest")
-            )
-            elastic = replace(elastic, springs=springs.replaced(*new))
-        return elastic, load
+        return changed(self.elastic, self.load, own)
+
+
+def changed(
+    elastic: ElasticMechanism, load: LoadKind, numbers: Mapping[str, ArrayLike]
+) -> tuple[ElasticMechanism, LoadKind]:
+    """A mechanism, and a kind of load, with other numbers of a program's inputs."""
+    # Each replaces what the mechanism has; a payload hangs on the tool.
+    if "tcp" in numbers:
+        x, chain = np.ravel(numbers["tcp"]), cast(Chain, elastic.mechanism)
+        moved = chain.with_tool(se3.from_roll_pitch_yaw(x[:3], x[3:]))
+        elastic = replace(elastic, mechanism=moved)
+    if "load_at" in numbers:
+        load = LoadKind(load.kind, numbers["load_at"])  # type: ignore[arg-type]
+    if "payload" in numbers:
+        mass, *centre = np.ravel(numbers["payload"]).tolist()
+        elastic = elastic.with_payload(mass, centre) if mass else elastic
+    if numbers.keys() & {"stiffness", "rest"}:
+        springs = springs_of(elastic)
+        each = {"stiffness": springs.stiffness, "rest": springs.rest, **numbers}
+        count = len(springs.stiffness)
+        new = (
+            checked_array(each[n], (count,), n, finite=False)
+            for n in ("stiffness", "rest")
+        )
+        elastic = replace(elastic, springs=springs.replaced(*new))
+    return elastic, load
 
 
 def _blocks(count: int, length: int) -> Iterator[slice]:

@@ -12,7 +12,7 @@ the point at which the load acts. K^K *recomputed* for N's origin would belong t
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, cast
@@ -35,6 +35,7 @@ from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.connections import BI_INVARIANT, NAMED, Connection
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
+from cartstiff.core.matrix_names import OF_MANY
 from cartstiff.core.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.gravity_loads import GravityLoads, gravity_loads
@@ -75,6 +76,12 @@ if TYPE_CHECKING:
     from cartstiff.core.stiffness.task_axes import TaskAxes
 
 SCHEMA = "cartstiff/1"
+#: Outputs that are arrays besides the matrices.
+_ARRAYS = ("pose", "jacobian", "wrench", "energy", "tensions", "torques")
+
+
+#: Makes the usual value of a field.
+_none: Callable[[], None] = type(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,6 +252,12 @@ class PostureStiffness(LabelledResult):
         The reduction to the end-effector.
     load : LoadKind
         Behaviour of the load while the body moves, and its point of application.
+    state : str
+        "regular", or the code of the posture's last state; of a program's posture as of
+        `cartstiff.Postures`.
+    is_plain : bool
+        Whether a `cartstiff.Program` computed its outputs, as the posture is well inside
+        the regular ones.
     """
 
     command: ClassVar = "analyse"
@@ -254,19 +267,25 @@ class PostureStiffness(LabelledResult):
     posture: MechanismPosture
     evaluation: Evaluation
     reduction: Reduction
-    _notes: tuple[Note, ...] | None = None
-    load: LoadKind = DEAD_AT_ORIGIN
-    _load_is_given: bool = False
+    # The class has no values itself, so that `of_numbers` may leave each of them out.
+    _notes: tuple[Note, ...] | None = field(default_factory=_none)
+    load: LoadKind = field(default_factory=lambda: DEAD_AT_ORIGIN)
+    _load_is_given: bool = field(default_factory=bool)
     #: The mechanism before its open rest positions were chosen; None if that is
     #: `elastic`.
-    _asked: ElasticMechanism | None = None
+    _asked: ElasticMechanism | None = field(default_factory=_none)
     #: State before the load, if that of `elastic_as_given` is another.
-    _before_load: Literal["balanced", "given", "partly"] | None = None
+    _before_load: Literal["balanced", "given", "partly"] | None = field(
+        default_factory=_none
+    )
     #: Whether a given wrench determined the rest positions.
-    _rest_is_chosen: bool = False
+    _rest_is_chosen: bool = field(default_factory=bool)
 
+    is_plain: ClassVar[bool] = False
     #: What finds the attributes that `of_numbers` leaves until they are read.
     _later: ClassVar[Later | None] = None
+    #: Outputs of a program by name.
+    _outputs: ClassVar[Mapping[str, Array]] = {}
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", fixed(self.q))
@@ -286,12 +305,41 @@ class PostureStiffness(LabelledResult):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
-            """A field that is found when it is first read."""
+            """A field that is found when it is first read; an output of a program."""
+            if name[0] != "_" and name in self._outputs:
+                return self._outputs[name]
             later = vars(self).get("_later")
             if later is None or name not in later.names:
                 raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
             value = vars(self)[name] = later.find(name, self)
             return value
+
+    def __getitem__(self, name: str) -> Array:
+        """An output of `cartstiff.analyse_many`, or of the program, by its name.
+
+        "K" is short for "stiffness_K". NaN where it does not exist.
+        """
+        if name in OF_MANY:
+            name = f"stiffness_{name}"
+        if name in self._outputs:
+            return self._outputs[name]
+        kind, _, letter = name.partition("_")
+        found: Any = None
+        if letter in OF_MANY and kind in ("stiffness", "compliance"):
+            found = (self.matrices if kind == "stiffness" else self.compliances)[letter]
+        elif name in _ARRAYS:
+            found = getattr(self, name)
+        else:
+            raise UnknownNameError("output", name, (*self._outputs, *_ARRAYS, *OF_MANY))
+        if found is None:
+            return np.full({"wrench": 6, "tensions": 0}.get(name, (6, 6)), np.nan)
+        return np.asarray(found)
+
+    @cached_property
+    def state(self) -> str:
+        """Code of the posture's last state, or "regular"."""
+        states = self.reduction.states
+        return states[-1].code if states else "regular"
 
     def _lines(self) -> list[str]:
         elastic, W = self.elastic, self.wrench

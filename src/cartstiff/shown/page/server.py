@@ -216,6 +216,8 @@ _POLL = 0.05
 # Curves wait meanwhile: one of their postures may take longer than the next picture
 # should.
 _DRAG_PAUSE = 0.25
+# Time (s) without a picture after which programs are recorded of what a tab shows.
+_LOOKED_AT = 1.0
 # Close code of a socket that is one too many; the page knows it.
 _FULL = 4029
 # Bytes in a message: an answer that is larger comes in pieces behind its size, and the
@@ -261,6 +263,7 @@ class TabSocket(Guarded, WebSocketHandler):
             return
         self._page.tabs.add(self)
         self._session: Session | None = None
+        self._recording: asyncio.TimerHandle | None = None
         self._drawing: Draw | None = None
         self._quick: deque[Message] = deque()
         self._curves: tuple[Sweep | Series, Any] | None = None
@@ -344,6 +347,7 @@ class TabSocket(Guarded, WebSocketHandler):
                 facts["guides"] = self._page.guides
             self._session = Session(source, self._page.picture, facts)
             await self._send(self._session.hello(with_numbers=True))
+            self._record_later()
             if self._session.drawn is not None:
                 self._page.additions.moved(self._session.drawn)
             while True:
@@ -351,6 +355,7 @@ class TabSocket(Guarded, WebSocketHandler):
                 answer = self._next(self._session)
                 if answer is not None:
                     await self._send(answer)
+                    self._record_later()
                 elif self._waits():
                     self._awake.clear()
                     with suppress(TimeoutError):
@@ -362,6 +367,22 @@ class TabSocket(Guarded, WebSocketHandler):
             pass
         except CartstiffError as error:  # a mechanism that cannot be drawn at all
             await self._send(refusal(error, 0))
+
+    def _record_later(self) -> None:
+        """Have programs recorded once the user looks at what is shown."""
+        session = self._session
+        if self._recording is None and session is not None and session.postures.waiting:
+            loop = asyncio.get_running_loop()
+            self._recording = loop.call_later(_LOOKED_AT, self._record)
+
+    def _record(self) -> None:
+        self._recording = None
+        if self._session is None or self not in self._page.tabs:
+            return
+        if time.monotonic() - self._page.drawn < _LOOKED_AT:
+            self._record_later()
+        elif self._session.postures.waiting:
+            self._session.postures.record()
 
     async def _send(self, answer: Answer) -> None:
         try:

@@ -122,7 +122,7 @@ class Session:
         self._elastic = elastic
         self._q = np.array(elastic.q if q is None else q, float)
         self._variant: tuple[Any, ElasticMechanism] = ((None, None, None), elastic)
-        #: Its postures without commands, which are soon by a program.
+        #: Its postures without commands, by programs once a page has them recorded.
         self.postures = RecordedPostures(elastic)
         self._follower = Follower(elastic)
         self._cloud_shown: str | None = None
