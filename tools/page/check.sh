@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# ESLint and the types of the page's JavaScript. Where there is no node, or its packages cannot be
+# ESLint, the types and the unit tests of the page's JavaScript. Where there is no node, or its packages cannot be
 # had, it says so and passes: a user of cartstiff needs neither.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
@@ -19,3 +19,4 @@ if ! cmp -s package-lock.json "$stamp"; then
 fi
 (cd ../.. && tools/page/node_modules/.bin/eslint -c tools/page/eslint.config.mjs src/cartstiff/shown/page/static)
 node_modules/.bin/tsc -p tsconfig.json
+node --test --test-reporter=dot scripts.test.mjs

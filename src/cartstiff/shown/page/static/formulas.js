@@ -1,5 +1,5 @@
-// The recorded arithmetic of the library (`cartstiff.shown.page.browser_program`) at a posture: pose, Jacobian, load and
-// stiffness. Where its verdict is not plain, or digits are lost, nothing is said.
+// The recorded arithmetic of the library (`cartstiff.shown.page.browser_program`) at a posture: pose, Jacobian, load
+// and stiffness. Where its verdict is not plain, or digits are lost, nothing is said.
 
 import { adjoint, angles, back, changed, congruence, cross, dot, identity, inverse, largest, motion, moving, place,
   plus, product, rotation, scaled, scaledInverse, singular, sureOfInverse, symmetric, times,
@@ -191,8 +191,8 @@ export class Formulas {
   }
 
   /**
-   * Coordinates at which links carry the load, as `cartstiff.recorded.closed_chains.settle`; derivatives of their energy
-   * become inputs.
+   * Coordinates at which links carry the load, as `cartstiff.recorded.closed_chains.settle`; derivatives of their
+   * energy become inputs.
    */
   bent(start, state, inputs) {
     const { last, rounded, steps, terms } = this.data.bending;

@@ -76,7 +76,8 @@ export function softest({ compliance, stiffness, pose }) {
 }
 
 /**
- * Largest entry of M - M^T; 0 where each is round-off beside its block, as `cartstiff.answer.analysis.asymmetry.is_roundoff`.
+ * Largest entry of M - M^T; 0 where each is round-off beside its block, as
+ * `cartstiff.answer.analysis.asymmetry.is_roundoff`.
  */
 export function asymmetry(M) {
   const skew = M.map((row, i) => row.map((x, j) => x - M[j][i]));

@@ -42,7 +42,7 @@ export class Program extends Readings {
     return notes;
   }
 
-  /** The note on a posture that springs and load do not keep, as `cartstiff.core.stiffness.posture_notes.indefinite`. */
+  /** The note on what springs and load do not keep, as `cartstiff.core.stiffness.posture_notes.indefinite`. */
   indefinite(m) {
     const [K, C] = [m.K.load, m.C.load];
     if ([K, C].some((M) => M && asymmetry(M))) return [];
@@ -59,7 +59,7 @@ export class Program extends Readings {
     values: { eigenvalues: spectra[0].map((x) => x * unit).sort((a, b) => a - b), characteristic_length: m.length } }];
   }
 
-  /** The note on assumed stiffnesses without the springs that were replaced, as `cartstiff.core.notes.still_assumed`. */
+  /** The note on assumed stiffnesses without springs that were replaced, as `cartstiff.core.notes.still_assumed`. */
   stillAssumed(note, { stiffness }) {
     const { names, shared, some_assumed: words } = this.data;
     const replaced = (name) => stiffness && stiffness[names.indexOf(name)] !== shared.stiffness[names.indexOf(name)];
