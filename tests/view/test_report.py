@@ -134,6 +134,21 @@ def test_a_better_posture_keeps_the_tip_where_it_is(name, W):
     assert gained == pytest.approx(float(less), abs=1.5)
 
 
+def test_the_forces_that_drives_hold_are_drawn_to_the_scale_of_the_load():
+    elastic, W = cartstiff.load("ur5"), [0, 0, 0, 0, 0, -100.0]
+    held = cartstiff.capacity(elastic, wrench=W, load_axes="world").polytope
+    text = report_page(elastic, wrench=W, load_axes="world")
+    most = np.linalg.norm(held, axis=1).max()
+    assert f"the drives hold, up to {most:.4g} N, to the arrow" in html.unescape(text)
+    drawn = re.findall(r'<polygon points="([^"]*)" fill="#c22f1e" fill-opacity', text)
+    arrows = re.findall(r'y1="([-0-9.]+)" x2="[-0-9.]+" y2="([-0-9.]+)" stroke="#c22f1e"', text)
+    # From the side the height of the body over the arrow's is that of forces over 100 N.
+    corners = np.array([[float(x) for x in one.split(",")] for one in drawn[1].split()])
+    y1, y2 = map(float, arrows[1])
+    assert np.ptp(corners[:, 1]) / abs(y2 - y1) == pytest.approx(np.ptp(held[:, 2]) / 100, rel=0.02)
+    assert "the drives hold, up to" not in report_page(cartstiff.load("hexapod"), wrench=W)
+
+
 def test_springs_that_nobody_measured_are_doubted_before_the_answer():
     assumed = cartstiff.load(f"<robot name='arm'>{ARM}</robot>")
     for elastic, words_of_doubt in (

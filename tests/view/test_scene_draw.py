@@ -367,6 +367,61 @@ def test_centres_of_a_decoupled_platform_share_a_label():
     )
 
 
+def triangles_of(place) -> np.ndarray:
+    """Corners (m, 3, 3) of the triangles of a drawn body."""
+    data = place.object["geometries"][0]["data"]
+    points = np.frombuffer(data["attributes"]["position"]["array"].data, np.float32)
+    index = np.frombuffer(data["index"]["array"].data, np.uint16)
+    return points.reshape(-1, 3).astype(float)[index.astype(int)].reshape(-1, 3, 3)
+
+
+def test_forces_that_drives_hold_are_a_body_about_the_tip():
+    """Each corner, as a force on the tip, uses some motors wholly and none more."""
+    drawing = Drawing("ur5", wrench=[0, 0, 0, 20.0, -30.0, 50.0])
+    drawing.draw()
+    assert not drawing.viewer.below(f"{ROOT}/held forces")
+    facts = drawing.draw(held_forces=True)["held_forces"]
+    place = f"{ROOT}/held forces"
+    triangles = triangles_of(drawing.viewer.places[f"{place}/body"])
+    T, J = drawing.result.pose, drawing.result.jacobian
+    np.testing.assert_allclose(drawing.viewer.world(place)[:3, 3], T[:3, 3], atol=ROUNDING)
+    limits = np.array([drawing.elastic.efforts[name][1] for name in drawing.elastic.names])
+    for corner in triangles.reshape(-1, 3):
+        force = facts["per_length"] * corner
+        used = np.abs(J[3:].T @ T[:3, :3].T @ force) / limits
+        assert used.max() == pytest.approx(1.0, rel=1e-4)
+        assert np.count_nonzero(used > 1.0 - 1e-4) >= 3
+    # The triangles close a body: its volume is the same about any point.
+    about = np.array([[0, 0, 0], [3.0, -1.0, 2.0]])
+    signed = np.sign(np.linalg.det(triangles - triangles.mean(axis=(0, 1))))
+    whole = [np.abs((signed * np.linalg.det(triangles - p)).sum()) for p in about]
+    assert whole[0] == pytest.approx(whole[1], rel=1e-4)
+    ball = drawing.viewer.world(f"{place}/load")[:3, 3] - T[:3, 3]
+    np.testing.assert_allclose(facts["per_length"] * ball, T[:3, :3] @ [20.0, -30.0, 50.0])
+    drawing.draw()
+    assert not drawing.viewer.below(place)
+
+
+def test_forces_of_few_motors_are_flat_and_unknown_ones_are_said(tmp_path):
+    from tests.laws.test_drive_forces import TWO
+
+    (tmp_path / "two.urdf").write_text(TWO)
+    drawing = Drawing.__new__(Drawing)
+    drawing.elastic = cartstiff.load(str(tmp_path / "two.urdf"), frame="tip", stiffness=3e3)
+    drawing.window, drawing.viewer = RecordingWindow(), Viewer()
+    drawing.scene = Scene(ViewerNode(drawing.window, "/meshcat"), drawing.elastic)
+    drawing.result = cartstiff.analyse(drawing.elastic, [0.2, 0.5])
+    assert drawing.draw(held_forces=True)["held_forces"]["shown"]
+    triangles = triangles_of(drawing.viewer.places[f"{ROOT}/held forces/body"])
+    assert triangles.shape == (2, 3, 3)
+    assert np.abs(triangles[..., 1]).max() <= 1e-6  # motors about y
+    assert not drawing.viewer.visible(f"{ROOT}/held forces/load")
+    assert platform().draw(held_forces=True)["held_forces"] == {
+        "shown": False,
+        "reason": "no limit of a drive's force is known",
+    }
+
+
 @pytest.mark.parametrize("name", ["stewart-gough", "five-bar", "cable-robot"])
 def test_a_step_sends_transforms_only(name):
     """Besides labels whose text changes and legs whose colour changes."""

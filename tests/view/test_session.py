@@ -55,6 +55,21 @@ def worked(session: Session, **message: Any) -> dict[str, Any]:
             return json.loads(json.dumps(done.value.data, allow_nan=False))
 
 
+def test_forces_that_drives_hold_are_sought_only_while_they_are_shown(monkeypatch):
+    source, sought = Source(cartstiff.load("ur5")), list[Any]()
+    none = sought.append  # nothing balances the posture then
+    monkeypatch.setattr("cartstiff.shown.scene.held_forces.held_forces", none)
+    tab = Session(source)
+    state = {"load": [0, 0, 0, 0, 0, -100.0]}
+    assert asked(tab, do="draw", state=state)["legend"]["held_forces"] is None
+    assert sought == []
+    facts = asked(tab, do="draw", state=state | {"held_forces": True})["legend"]["held_forces"]
+    assert facts == {"shown": False, "reason": "no wrench balances the posture"}
+    assert len(sought) == 1
+    assert asked(tab, do="draw", state=state)["legend"]["held_forces"] is None
+    assert len(sought) == 1
+
+
 def test_hello_says_what_there_is(session):
     answer = session("panda").hello()
     data = answer.data

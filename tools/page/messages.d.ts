@@ -41,6 +41,7 @@ interface ViewState {
   enlarged?: number | null;
   drawn?: "stiffness" | "compliance" | null;
   centres?: boolean;
+  held_forces?: boolean;
 }
 
 interface Towards {

@@ -51,7 +51,7 @@ def numbered(*states: Mapping[Key, bytes]) -> tuple[list[bytes], list[list[int]]
 
 
 # Parts of the picture that JavaScript cannot draw.
-_NOT_COMPUTED = ("centres",)
+_NOT_COMPUTED = ("centres", "held_forces")
 # Parts of a state that are in the mechanism of a file.
 _APPLIED = {"gravity": None, "payload": None, "command": None}
 

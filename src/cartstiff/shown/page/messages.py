@@ -138,6 +138,7 @@ class ViewState(_Strict):
     enlarged: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
     drawn: Literal["stiffness", "compliance"] | None = None
     centres: bool = False
+    held_forces: bool = False
 
     @property
     def acts_at(self) -> tuple[float, float, float]:

@@ -31,12 +31,14 @@ from cartstiff.core.units import Units, engineering
 from cartstiff.files.meshes import read_meshes
 from cartstiff.files.visuals import visuals_of
 from cartstiff.shown.scene.enlarged import factor_for
+from cartstiff.shown.scene.held_forces import HeldForcesShown
 from cartstiff.shown.scene.scales import round_number
 
 # Pixels of a panel, and around it.
 _WIDTH, _HEIGHT, _ROOM = 320.0, 300.0, 26.0
-# Share of the size that arrows have, and of which a part along the view is not drawn.
-_ARROW, _HIDDEN = 0.2, 0.02
+# Shares of the size: of arrows, of a part along the view that is not drawn, and of the
+# longest of the forces that drives hold.
+_ARROW, _HIDDEN, _HELD = 0.2, 0.02, 0.35
 _LINK, _EDGE, _GHOST, _LOAD, _TIP = "#d5dae1", "#5d6673", "#1f9d55", "#c22f1e", "#c04020"
 _ROUND = 16
 
@@ -212,12 +214,23 @@ def drawing(
             f"in green under its load, the deflection drawn {factor:g} times as large "
             f"(the tip moves {engineering(far, units.length)})"
         )
-    force = _arrow(result, answer, added, kind)
+    force, held, body = _arrow(result, answer, added, kind), None, None
     if force is not None:
         words.append(f"the red arrow is {force.words}")
-        force = force._replace(
-            along=_ARROW * size * force.along / np.linalg.norm(force.along)
-        )
+        held = HeldForcesShown.of(result)
+        large = float(np.linalg.norm(force.along))
+        force = force._replace(along=_ARROW * size * force.along / large)
+        # Forces that drives hold have the arrow's scale, where it is seen then.
+        if held.corners is not None:
+            most = engineering(float(held.sizes.max()), units.force)
+            words.append(f"dashed are the forces on M that the drives hold, up to {most}")
+            longest = max(float(held.sizes.max()), large)
+            body = before.pose[:3, 3] + _HELD * size / longest * held.corners
+            if large > 2.0 * _HIDDEN * longest:
+                words[-1] += ", to the arrow's scale"
+                force = force._replace(
+                    along=force.along * (_HELD * large / (_ARROW * longest))
+                )
     # From the link that carries the tool to the tool's tip.
     flange = before.pose @ se3.inverse(mechanism.frame_offset)
     tool = flange[:3, 3], before.pose[:3, 3]
@@ -228,7 +241,7 @@ def drawing(
         left = number * (_WIDTH + _ROOM)
         panels.append(
             f'<g transform="translate({left:.0f} 0)">'
-            f"{''.join(_panel(view, robot, ghost, tool, force, units))}</g>"
+            f"{''.join(_panel(view, robot, ghost, tool, force, body, units))}</g>"
         )
     width = 2 * _WIDTH + _ROOM
     return (
@@ -263,6 +276,7 @@ def _panel(
     ghost: Drawn | None,
     tool: tuple[Array, Array],
     force: Arrow | None,
+    body: Array | None,
     units: Units,
 ) -> Iterator[str]:
     """One view, with a scale bar and the axes of F that it shows."""
@@ -272,6 +286,8 @@ def _panel(
         every.append(ghost.points)
     if force is not None:
         every.append(force.at + force.along[None])
+    if body is not None:
+        every.append(body)
     flat = np.concatenate(every) @ view.axes.T
     low, high = flat.min(axis=0)[:2], flat.max(axis=0)[:2]
     inner = np.array([_WIDTH, _HEIGHT]) - 2 * _ROOM
@@ -286,6 +302,13 @@ def _panel(
     yield from _figure(robot, view, at, (_LINK, _EDGE, 3.5))
     if ghost is not None:
         yield from _figure(ghost, view, at, ("none", _GHOST, 1.8))
+    if body is not None:
+        flat = at(body)
+        corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in flat[_hull(flat)])
+        yield (
+            f'<polygon points="{corners}" fill="{_LOAD}" fill-opacity="0.06" '
+            f'stroke="{_LOAD}" stroke-width="0.8" stroke-dasharray="4 3"/>'
+        )
     (x, y), (u, v) = at(flange), at(tip)
     yield f'<path d="M{x:.1f} {y:.1f}L{u:.1f} {v:.1f}" stroke="{_EDGE}" stroke-width="3"/>'  # noqa: E501
     x, y = at(tip)

@@ -60,6 +60,9 @@ class Appearance:
         Point in M at which `added` acts; default the reference point.
     centres : bool
         Centres of stiffness, compliance, elasticity, and of least coupling.
+    held_forces : bool
+        Forces on M's origin, without a moment, that the drives hold beside the weight:
+        a polytope, its scale stated.
     ghost : tuple of floats, optional
         Coordinates of a second posture, drawn pale.
     rest : tuple of floats, optional
@@ -94,6 +97,7 @@ class Appearance:
     added_at: tuple[float, float, float] | None = None
     exaggeration: float | None = None
     centres: bool = False
+    held_forces: bool = False
     ghost: tuple[float, ...] | None = None
     rest: tuple[float, ...] | None = None
     nodal: tuple[int, float, Screw] | None = None

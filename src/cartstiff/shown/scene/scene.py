@@ -52,6 +52,7 @@ from cartstiff.shown.scene.ellipsoids import (
 )
 from cartstiff.shown.scene.enlarged import MOST_SHOWN, MOST_TURN, SHOWN, TURN
 from cartstiff.shown.scene.environment import Environment
+from cartstiff.shown.scene.held_forces import HeldForcesPicture
 from cartstiff.shown.scene.mechanism import MechanismPicture, extent
 from cartstiff.shown.scene.points import add_points
 from cartstiff.shown.scene.scales import SCALES, Growing
@@ -117,7 +118,7 @@ class Scene:
         dict
             "length" (unit, grid, scene units), "connection", "quantity", "others",
             "ellipsoids" by freedom, "wrench", "deflection", "centres", "nodal",
-            "tension", "notes". A part that is not shown has a "reason".
+            "held_forces", "tension", "notes". A part that is not shown has a "reason".
 
         Raises
         ------
@@ -151,6 +152,7 @@ class Scene:
             "deflection": self._deflection(result, look, added, here.pose, wrench),
             "centres": self._centres(look, here, reason),
             "nodal": self._nodal(result, look),
+            "held_forces": self._held(result, look),
             "tension": tension,
             "notes": notes,
         }
@@ -286,6 +288,7 @@ class Scene:
                 "rest",
                 "nodal",
                 "centres",
+                "held forces",
                 "wrench",
                 "deflection",
                 *(f"{f} ellipsoid" for f in _FREEDOMS),
@@ -306,6 +309,7 @@ class Scene:
         self._deflections = DeflectionPicture(node["deflection"], size, look)
         self._axis = NodalAxis(node["nodal"], size, look)
         self._balls = CentresPicture(node["centres"], size, look)
+        self._forces = HeldForcesPicture(node["held forces"], size, look)
 
     def _ellipsoid(
         self,
@@ -477,6 +481,12 @@ class Scene:
             return {"shown": False, "reason": reason} if look.centres else None
         C = here.inverse_of_symmetric_part(look.connection)
         return self._balls.draw(symmetric_part(K), C, here.pose, look.labels)
+
+    def _held(self, result: PostureStiffness, look: Appearance) -> dict[str, Any] | None:
+        if look.held_forces:
+            return self._forces.draw(result, self._elastic.units.force)
+        self._forces.hide()
+        return None
 
     def _ghost_posture(self, look: Appearance) -> MechanismPosture | None:
         if look.ghost is None or look.ghost == self._ghost_at:

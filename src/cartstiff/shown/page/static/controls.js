@@ -205,6 +205,7 @@ const TOGGLES = [
   ["wrench", "Wrench arrows"],
   ["deflection", "Way from the rest, in grey"],
   ["centres", "Centres of stiffness"],
+  ["held_forces", "Forces that the drives hold"],
 ];
 
 /** What the picture shows, from where, and what its sizes mean. */

@@ -9,7 +9,8 @@ import { ticking } from "./player.js";
 // Time (s) of one way there and back.
 const SWAY_TIME = 2.6;
 // What hangs on the body, besides its frame M.
-const HANGING = ["translation ellipsoid", "rotation ellipsoid", "wrench", "nodal", "centres", "ball"];
+const HANGING = ["translation ellipsoid", "rotation ellipsoid", "wrench", "nodal", "centres", "held forces",
+  "ball"];
 const CALLOUT = ["meshcat", "cartstiff", "callout"];
 // Height of the callout's letters where the picture is one unit away.
 const LETTERS = 0.032;

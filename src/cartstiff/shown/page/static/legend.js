@@ -5,7 +5,7 @@ import { byId, dropdown, el, engineering, short, typeset } from "./dom.js";
 import { PRINTED, doubts, printed, provenance, saveDrawing, sheet, svg, timesOf } from "./plotfiles.js";
 
 const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱",
-  note: "!" };
+  held: "◇", note: "!" };
 // Times its size that a picture can be saved with.
 const SIZES = [1, 2, 3, 4];
 
@@ -27,7 +27,7 @@ function radius({ scale, unit, cut }, length) {
  * ellipsoids.
  */
 export function legendOf(facts) {
-  const { length, wrench, tension, nodal } = facts;
+  const { length, wrench, tension, nodal, held_forces: held } = facts;
   const ellipsoids = Object.entries(facts.ellipsoids).filter(([, own]) => own);
   const lines = [];
   const say = (mark, text, title = text) => lines.push({ mark, text, title });
@@ -59,6 +59,9 @@ export function legendOf(facts) {
       : `legs: pink ${low} (compression) to green ${high} ${tension.unit} (tension)`);
   }
   if (facts.centres?.shown === false) miss("centres", facts.centres);
+  if (held?.shown) say("held", `forces on M that the drives hold: ${inLength(length.bar, length.unit)} = `
+    + engineering(held.per_length * length.bar, held.unit, 3), "Without a moment, beside the weight; the ball is the load");
+  else if (held) miss("forces that the drives hold", held);
   if (nodal) say("nodal", `${nodal.name}, ${short(nodal.value, 3)} Hz${nodal.shown
     ? `, pitch ${engineering(nodal.pitch, length.unit, 3)}` : ` not drawn: ${nodal.reason}`}`);
   for (const [reason, names] of missing) say("note", `${names.join(", ")} not drawn: ${reason}`);

@@ -417,7 +417,7 @@ export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
 const MECHANICS = ["point", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
 const CURVED = [...MECHANICS, "connection", "quantity", "others", "axes"];
 const SEEN = ["theme", "translation", "rotation", "scale", "labels", "wrench", "deflection", "drawn", "enlarged",
-  "centres", "connection", "others", "mode"];
+  "centres", "held_forces", "connection", "others", "mode"];
 export const mechanicsOf = (state) => MECHANICS.map((key) => state[key]);
 export const curvesOf = (state) => CURVED.map((key) => state[key]);
 
