@@ -12,6 +12,7 @@ Directives, for pages in reStructuredText (``command-help`` for MyST pages as we
 - ``import-picture``: the packages and their imports, as SVG;
 - ``lines-table``: files and lines of each package;
 - ``published-cases``: the cases with their values;
+- ``scripts-of-the-day``: the fourteen scripts of the gallery, what they print and draw;
 - ``gallery``: one picture and one paragraph for every example.
 
 Role ``key``: a bibliography key, resolved on the page of references.
@@ -49,6 +50,7 @@ from cartstiff.shown.cli.declare import HELP_ALL
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
+GALLERY = ROOT / "docs" / "gallery"
 
 
 class _Text(SphinxDirective):
@@ -369,6 +371,28 @@ class Gallery(_Text):
 # -- the picture of imports -------------------------------------------------------------------
 
 
+class ScriptsOfTheDay(_Text):
+    """A script of the gallery with what it prints and draws."""
+
+    def text(self) -> Iterator[str]:
+        """The lines, in reStructuredText."""
+        for path in sorted(GALLERY.glob("*.py")):
+            if path.stem == "__main__":
+                continue
+            self.env.note_dependency(str(path))
+            doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+            title, _, rest = doc.partition("\n")
+            title = title.partition(":")[0]
+            yield from ["", f".. _example-{path.stem}:", "", title, "-" * len(title), ""]
+            yield from [doc.partition(": ")[2].partition("\n")[0].capitalize(), ""]
+            yield from rest.strip().splitlines()
+            yield from ["", f".. image:: images/{path.stem}.png", f"   :alt: {title}", ""]
+            for name, language in ((f"{path.stem}.py", "python"), (f"{path.stem}.txt", "text")):
+                yield from [f".. literalinclude:: gallery/{name}", f"   :language: {language}"]
+                yield from ["   :start-at: import"] if language == "python" else []
+                yield ""
+
+
 class PublishedCases(_Text):
     """A section a case: source, verdict, printed values and ours."""
 
@@ -474,6 +498,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("other-modules", OtherModules)
     app.add_directive("state-codes", StateCodes)
     app.add_directive("gallery", Gallery)
+    app.add_directive("scripts-of-the-day", ScriptsOfTheDay)
     app.add_directive("published-cases", PublishedCases)
     app.add_directive("import-picture", ImportPicture)
     app.add_directive("lines-table", LinesTable)

@@ -79,6 +79,7 @@ def test_gallery_shows_every_example(built):
     page = _page(built, "gallery.html")
     examples = {p.stem for p in (ROOT / "examples").glob("*.py")} - {"make_gallery"}
     examples |= {p.stem for p in (ROOT / "examples" / "notebooks").glob("*.ipynb")}
+    examples |= {p.stem for p in (ROOT / "docs" / "gallery").glob("*.txt")}
     for name in examples:
         assert page.has(f"example-{name.replace('_', '-')}"), name
         assert any(r.endswith(f"/{name}.png") for r in page.resources), name

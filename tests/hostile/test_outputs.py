@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import create_folder, write_whole
+from tests.doors import create_folder, write_whole
 
 from cartstiff import InputError, StiffnessTensor
 from cartstiff.geometry import CARTAN_MINUS

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import csv_rows, csv_text, read_rows, safe_cell, unsafe_cell
+from tests.doors import csv_rows, csv_text, unsafe_cell
+from tests.inner import read_rows, safe_cell
 from tests.support.commands import outcome
 
 import cartstiff

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from tests.inner import Elements
+from tests.doors import Elements
 
 from cartstiff import ElasticMechanism
 

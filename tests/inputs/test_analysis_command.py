@@ -4,8 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from tests.doors import LoadKind
-from tests.inner import plain
+from tests.doors import LoadKind, plain
 from tests.support.commands import answer, run
 from tests.support.printed import text_of
 

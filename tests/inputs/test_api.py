@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import LabelledResult, read_yaml
+from tests.doors import LabelledResult
+from tests.inner import read_yaml
 
 import cartstiff
 from cartstiff import InputError

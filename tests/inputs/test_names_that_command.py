@@ -7,7 +7,8 @@ import unicodedata
 from pathlib import Path
 
 import pytest
-from tests.inner import Answer, printable
+from tests.doors import printable
+from tests.inner import Answer
 from tests.support.commands import answer, outcome
 
 import cartstiff

@@ -6,7 +6,7 @@ import sys
 from threading import Thread
 
 import pytest
-from tests.inner import write_whole
+from tests.doors import write_whole
 
 import cartstiff
 

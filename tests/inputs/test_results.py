@@ -7,7 +7,7 @@ import pkgutil
 
 import numpy as np
 import pytest
-from tests.inner import LabelledResult
+from tests.doors import LabelledResult
 from tests.support.commands import refuses
 
 import cartstiff

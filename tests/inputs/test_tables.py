@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from tests.doors import Units
+from tests.doors import Units, csv_rows, csv_text
 from tests.identify.campaigns import simulated
-from tests.inner import DISPLACEMENT, csv_rows, csv_text, read_rows, table_text
+from tests.inner import DISPLACEMENT, read_rows, table_text
 from tests.inner import measurements_ROTATION as ROTATION
 from tests.support.commands import answer, run
 

@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 from matplotlib.colors import LogNorm
-from tests.inner import figure_content, new_figure
+from tests.doors import figure_content, new_figure
 from tests.support.commands import answer, run
 
 import cartstiff

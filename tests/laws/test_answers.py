@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.doors import Note
 from tests.inner import (
     RULES,
     STABILITY,
     VERDICTS,
     WEIGHTS,
     BrowserProgram,
-    Note,
     Session,
     Source,
     answer_at,

@@ -157,7 +157,7 @@ def test_mujoco_has_the_same_torques_and_limits(tmp_path):
 
 
 def test_shares_of_limits():
-    from tests.inner import used_shares
+    from tests.doors import used_shares
 
     used = used_shares(
         np.array([0.0, 15.0, -15.0, 10.0, 100.0, 55.0, 3.0]),

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.doors import with_rest_balancing
-from tests.inner import Scaled, problem, right_jacobian
+from tests.doors import Scaled, with_rest_balancing
+from tests.inner import problem, right_jacobian
 from tests.support import links, relative_error, robot_file
 
 import cartstiff

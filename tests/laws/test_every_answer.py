@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from tests.inner import DOUBTS, SENTENCES
+from tests.doors import DOUBTS
+from tests.inner import SENTENCES
 from tests.laws.test_set_ups import SetUp, later, posture
 from tests.support.commands import answer, run
 from tests.support.generated import Arm, numbers

@@ -7,8 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.doors import SI, Chain, Closure, PolynomialLaw, Units, plain_tree, with_rest_balancing
-from tests.inner import SCHEMA, Note
+from tests.doors import (
+    SCHEMA,
+    SI,
+    Chain,
+    Closure,
+    Note,
+    PolynomialLaw,
+    Units,
+    plain_tree,
+    with_rest_balancing,
+)
 from tests.support import (
     add_frame,
     adjoint_reference,
@@ -598,7 +607,7 @@ def test_analysis_closes_the_chain():
 def test_given_wrench_that_the_springs_do_not_carry():
     """A deficient closed chain, its springs fixed: the wrench given may be none of theirs."""
     arm = loaded_arm("RRRR", 12)
-    from tests.inner import reduce_to
+    from tests.doors import reduce_to
 
     posture = arm.elastic.mechanism.at(arm.q)
     energy = arm.elastic.evaluate(posture)

@@ -94,7 +94,7 @@ def test_what_holds_other_numbers_is_refused(arm):
         cartstiff.load("ur5", payload=inertia)
     with pytest.raises(InputError, match="wrong"):
         cartstiff.analyse(arm, wrench=T)
-    from tests.inner import real_array
+    from tests.doors import real_array
 
     spatial = real_array(inertia)
     twist = np.r_[MOTION.angular, MOTION.linear]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.doors import balanced
-from tests.inner import Problem, decomposed, reduction
+from tests.doors import balanced, decomposed
+from tests.inner import Problem, reduction
 from tests.inner import motions_motions as motions
 from tests.support.oracles import relative_error
 

@@ -14,19 +14,15 @@ from tests.doors import (
     PolynomialLaw,
     TabulatedLaw,
     Units,
+    checked_vector,
     convert_length,
     line_geometry,
-    plain_tree,
-)
-from tests.inner import (
-    checked_vector,
-    flat,
     named_values,
     one_line,
-    product_of_exponentials,
-    write_json,
+    plain_tree,
     write_whole,
 )
+from tests.inner import flat, product_of_exponentials, write_json
 from tests.inner import tree_building_Give as Give
 from tests.support import (
     add_frame,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.doors import numerics
-from tests.inner import PLAIN, error_of_soft_directions, holds_soft_directions
+from tests.doors import error_of_soft_directions, numerics
+from tests.inner import PLAIN, holds_soft_directions
 
 import cartstiff
 from cartstiff import analyse_many

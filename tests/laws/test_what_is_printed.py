@@ -10,15 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.doors import PolynomialLaw
-from tests.inner import (
-    Scaled,
-    answer_at,
-    parts_of_links,
-    percent,
-    posture_notes,
-    share_words,
-)
+from tests.doors import PolynomialLaw, Scaled
+from tests.inner import answer_at, parts_of_links, percent, posture_notes, share_words
 from tests.inner import command as cartstiff_command
 from tests.support.printed import text_of
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray
-from tests.inner import assumed_stiffness, histogram, save_figure
+from tests.doors import assumed_stiffness
+from tests.inner import histogram, save_figure
 from tests.maps.machines import arm
 
 import cartstiff

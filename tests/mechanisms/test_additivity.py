@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.inner import Elements
+from tests.doors import Elements
 from tests.mechanisms.oracle import GRAVITY
 from tests.support import gradient_of, log_reference, relative_error
 

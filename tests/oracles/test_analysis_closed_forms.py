@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.doors import plain
 from tests.inner import (
     PostureMatrices,
     Reading,
@@ -19,7 +20,6 @@ from tests.inner import (
     joint_shares,
     length_from_inertia,
     modes,
-    plain,
     product_of_exponentials,
     screw_of_twist,
     screw_of_wrench,

@@ -173,7 +173,7 @@ def test_a_posture_that_rounding_hides_is_named():
 
 def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
     """Seconds would depend on the machine; the whole of what is tried shares one bound."""
-    from tests.inner import System
+    from tests.doors import System
     from tests.inner import problem as effort
 
     elastic = cartstiff.load("3-rrr")

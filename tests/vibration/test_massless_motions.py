@@ -5,7 +5,7 @@ from pathlib import Path
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.inner import spectrum_of
+from tests.doors import spectrum_of
 from tests.support import adjoint_reference, tip_compliance
 
 import cartstiff

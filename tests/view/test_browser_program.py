@@ -14,7 +14,7 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from tests.doors import LoadKind
+from tests.doors import LoadKind, plain
 from tests.inner import (
     HELPERS,
     BrowserProgram,
@@ -38,7 +38,6 @@ from tests.inner import (
     needed_outputs,
     page_script,
     pick,
-    plain,
     series_row,
     sine,
     square_root,
