@@ -322,6 +322,11 @@ def test_names_of_the_package_load_when_used():
         _ = cartstiff.nonsense
 
 
+def test_a_module_that_a_public_module_names_loads_first_of_all():
+    code = "from cartstiff.geometry import se3; print(se3.__name__)"
+    subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+
+
 def test_slow_tests_that_are_left_out_exist():
     folder = Path(__file__).parent
     lines = (folder / "thorough.txt").read_text("utf-8").splitlines()

@@ -61,7 +61,10 @@ def public(
         place, package = places()[name], home["__package__"]
         if place == ".":  # a part of the package, which its import makes an attribute
             return import_module(f".{name}", package)
-        thing = home[name] = getattr(import_module(place, package), name)
+        module = import_module(place, package)
+        if not hasattr(module, name):  # a module there, which nothing has imported yet
+            import_module(f"{place}.{name}", package)
+        thing = home[name] = getattr(module, name)
         return thing
 
     return look_up, lambda: sorted(places())
