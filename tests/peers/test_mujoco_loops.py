@@ -23,7 +23,7 @@ def model_of(kind: str, seed: int) -> tuple[str, list[str]]:
         ends = ""
         for i in range(n):
             name = f"{branch}{i}"
-            place, turn = rng.uniform(-0.4, 0.4, 3) + [0.2, 0, 0], rng.uniform(-1, 1, 3)
+            place, turn = rng.uniform([-0.2, -0.4, -0.4], [0.6, 0.4, 0.4]), rng.uniform(-1, 1, 3)
             centre, mass = rng.uniform(-0.1, 0.1, 3), rng.uniform(0.5, 3.0)
             at, turned, axis, com = (
                 " ".join(map(repr, np.ravel(x).tolist()))
