@@ -122,7 +122,7 @@ HOMES = {
     "recorded.quick_poses": "QuickPoses",
     "recorded.readings": "READINGS ascending eigenvalues largest_eigenvalue principal_values",
     "recorded.recorded_postures": "RecordedPostures",
-    "recorded.recording": "Recording tensions_of_many",
+    "recorded.recording": "Recording",
     "recorded.stacks": "evaluate needed_outputs",
     "recorded.tape": "Number Tape absolute copysign cosine larger pick sine square_root",
     "recorded.twists": "ForceField Kinematics",

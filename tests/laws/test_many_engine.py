@@ -13,13 +13,12 @@ from tests.doors import (
     Chain,
     CoupledSprings,
     KinematicTree,
-    LoadKind,
     PolynomialLaw,
     Struts,
     TabulatedLaw,
     plain_tree,
 )
-from tests.inner import OUTPUTS, PortableKernel, Tape, deflection_for, tensions_of, tensions_of_many
+from tests.inner import OUTPUTS, PortableKernel, Tape, deflection_for, tensions_of
 from tests.support import add_frame, random_pose, serial_model
 
 import cartstiff
@@ -190,7 +189,9 @@ def test_legs_that_weigh(lengths):
     assert_same(elastic, q, wrench=[3.0, -2.0, 1.0, 40.0, -25.0, 60.0])
 
 
-@pytest.mark.parametrize("name", ["hexapod", "stewart-gough", "cable-robot", "seven lines"])
+@pytest.mark.parametrize(
+    "name", ["hexapod", "stewart-gough", "cable-robot", "seven lines", "flexure-hexapod"]
+)
 @pytest.mark.parametrize("axes", ["none", "body", "world"])
 def test_tensions_are_the_engines(name, axes):
     """What limits of forces ask for; an odd number of lines is found over arrays."""
@@ -201,18 +202,33 @@ def test_tensions_are_the_engines(name, axes):
         of_each = ("anchors", "points", "stiffness", "rest_length", "preload")
         lines = {name: getattr(rest, name)[:7] for name in of_each}
         elastic = replace(elastic, mechanism=fewer, springs=replace(rest, **lines))
-    q = postures(elastic)
-    kind = LoadKind("dead", (0.0, 0.0, 0.0) if axes == "none" else (0.1, 0.0, -0.2))
-    load = None if axes == "none" else np.array([0.1, 0.2, -0.1, 3.0, -2.0, 5.0])
-    tensions = tensions_of_many(elastic, q, load, kind, "world" if axes == "world" else "body")
+    q = postures(elastic) if name != "flexure-hexapod" else elastic.q + 1e-4 * np.eye(6)
+    acting = {}
+    if axes != "none":
+        acting = {"wrench": [0.1, 0.2, -0.1, 3.0, -2.0, 5.0], "load_axes": axes}
+        acting["load_at"] = (0.1, 0.0, -0.2)
+    tensions = analyse_many(elastic, q, outputs=["tensions"], **acting).tensions
     known = np.isfinite(tensions).all(axis=1)
     assert known.any()
     for posture, found in zip(q[known], tensions[known], strict=True):
-        acting = {} if load is None else {"wrench": load, "load_at": kind.at, "load_axes": axes}
         one = cartstiff.analyse(elastic, posture, **acting)
         expected = tensions_of(one.elastic, one.posture)
         noise = _noise(one.elastic, posture) + 1e-12 * np.abs(expected).max(initial=0.0)
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=noise)
+
+
+def test_torques_of_springs_outside_of_the_program_are_the_engine_s():
+    """A table of many points is no part of it: its torque is not zero, and maps know it."""
+    turned = np.linspace(-1.5, 1.5, 41)
+    law = TabulatedLaw(tuple(turned), tuple(2e4 * turned + 3e3 * turned**3))
+    arm = cartstiff.load("ur5")
+    springs = replace(arm.springs, laws={1: law}, rest=arm.q - 0.01)
+    elastic = replace(arm, springs=springs)
+    q = arm.q + np.random.default_rng(2).uniform(-0.005, 0.005, (3, 6))
+    found = analyse_many(elastic, q, outputs=["torques"])
+    for posture, torques in zip(q, found.torques, strict=True):
+        np.testing.assert_allclose(torques, cartstiff.analyse(elastic, posture).torques, rtol=1e-9)
+        assert abs(torques[1]) > 50.0
 
 
 def test_tensions_of_many_postures_add_up_to_the_wrench():

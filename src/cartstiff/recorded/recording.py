@@ -169,6 +169,9 @@ class Recording:
                     expected="path 'engine'",
                 )
             return
+        if taken.untraced.has_drives and not {TENSIONS, TORQUES}.isdisjoint(self._base):
+            self.reason = "the forces of these drives are found posture by posture"
+            return
         self.reason, self.taken = "", taken.under(load, load_axes)
         self.tape = self._recorded(self.taken.case, reads)
         for name in inputs:
@@ -677,26 +680,3 @@ def arrays_of_many(
     recording = Recording(elastic, names, NOTHING, *acting, backend=backend)
     recording.reason = reason or recording.reason
     return recording.postures(q, loads, **how)
-
-
-def tensions_of_many(
-    elastic: ElasticMechanism,
-    q: Array,
-    wrench: Array | None,
-    kind: LoadKind,
-    axes: Axes,
-) -> Array:
-    """Tensions (N, m) of a platform's legs at postures q (N, 6) under a wrench (6,),
-    if any.
-
-    NaN where no tensions balance the load, and for mechanisms without legs.
-    """
-    springs = elastic.springs
-    is_recorded = (
-        springs is not None and springs.attachments() and not springs.gives_aside
-    )
-    path: Backend = "auto" if is_recorded else "engine"
-    if wrench is None:
-        kind, axes = DEAD_AT_ORIGIN, "body"
-    found = arrays_of_many(elastic, (TENSIONS,), q, wrench, kind, axes, path)
-    return found.arrays[TENSIONS]

@@ -558,6 +558,11 @@ class UntracedTerms:
         """Whether the program has a whole gradient and Hessian as inputs."""
         return bool(self.loose or self.laws or self.struts)
 
+    @property
+    def has_drives(self) -> bool:
+        """Whether forces of drives are found here, so that the program has none."""
+        return bool(self.laws or self.struts)
+
     def __bool__(self) -> bool:
         return self.is_dense or bool(self.beams)
 

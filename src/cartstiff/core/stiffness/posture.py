@@ -324,15 +324,14 @@ class PostureStiffness(LabelledResult):
         if name in self._outputs:
             return self._outputs[name]
         kind, _, letter = name.partition("_")
-        found: Any = None
-        if letter in OF_MANY and kind in ("stiffness", "compliance"):
-            found = (self.matrices if kind == "stiffness" else self.compliances)[letter]
-        elif name in _ARRAYS:
+        if name in _ARRAYS:
             found = getattr(self, name)
+        elif letter in OF_MANY and kind in ("stiffness", "compliance"):
+            found = (self.matrices if kind == "stiffness" else self.compliances)[letter]
         else:
-            raise UnknownNameError("output", name, (*self._outputs, *_ARRAYS, *OF_MANY))
+            raise UnknownNameError("output", name, (*_ARRAYS, *OF_MANY))
         if found is None:
-            return np.full({"wrench": 6, "tensions": 0}.get(name, (6, 6)), np.nan)
+            return np.full(() if name in _ARRAYS else (6, 6), np.nan)
         return np.asarray(found)
 
     @cached_property

@@ -17,12 +17,13 @@ from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.limits import Limits
+from cartstiff.recorded.arguments import TENSIONS
 from cartstiff.recorded.following import Assembler, Closed
 from cartstiff.recorded.kernels import CLOSED_CHUNK, Backend
 from cartstiff.recorded.own_outputs import OwnOutputs
 from cartstiff.recorded.postures import NOT_ASSEMBLED, REGULAR, Postures
 from cartstiff.recorded.quantities import Quantity, Settings, choose_quantities
-from cartstiff.recorded.recording import Recording, tensions_of_many
+from cartstiff.recorded.recording import Recording
 from cartstiff.wings.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.wings.maps.sampling import Grid, Sampling, usual_chunk
 
@@ -200,7 +201,7 @@ class MapJob:
         at = np.flatnonzero(np.isfinite(q).all(axis=1))
         if at.size:
             found = self._computed(self._recording, q[at])
-            beyond = self._beyond(found.q, found.arrays["pose"])
+            beyond = self._beyond(found)
             for name in self.names:
                 arrays[name][at] = np.where(beyond, np.nan, found.arrays[name])
             own = np.array([_code(code) for code in found.codes], np.uint8)
@@ -214,10 +215,10 @@ class MapJob:
         return self._recorded(self.names)
 
     def _recorded(self, names: tuple[str, ...]) -> Recording:
-        """Poses and some of the quantities."""
+        """Poses, tensions that have limits, and some of the quantities."""
         return Recording(
             self.elastic,
-            ("pose",),
+            ("pose",) if self._tensions is None else ("pose", TENSIONS),
             OwnOutputs(quantities=names, settings=self.settings, defined=self.own),
             self.wrench is not None,
             self.settings.load,
@@ -230,20 +231,19 @@ class MapJob:
         wrench = None if self.wrench is None else np.array(self.wrench, float)
         return recording.postures(q, wrench, one_by_one=self.one_by_one)
 
-    def _beyond(self, q: Array, poses: Array) -> Array:
-        """Which postures (N,) are beyond limits."""
-        beyond = self._limits.exceeded(self._limits.values(q, poses))
+    @cached_property
+    def _tensions(self) -> Array | None:
+        """Limits of the legs' forces, which depend on the load as well."""
         legs = getattr(self.elastic.mechanism, "leg_limits", None)
-        if (
-            legs is not None and legs.forces is not None
-        ):  # they depend on the load as well
-            left = np.flatnonzero(~beyond)
-            wrench = None if self.wrench is None else np.array(self.wrench, float)
-            tensions = tensions_of_many(
-                self.elastic, q[left], wrench, self.settings.load, self.load_axes
-            )
+        return None if legs is None else legs.forces
+
+    def _beyond(self, found: Postures) -> Array:
+        """Which postures (N,) are beyond limits."""
+        values = self._limits.values(found.q, found.arrays["pose"])
+        beyond = self._limits.exceeded(values)
+        if self._tensions is not None:
             # Postures at which no tensions balance the load have a state of their own.
-            beyond[left] = _beyond(legs.forces, tensions).any(axis=1)
+            beyond |= _beyond(self._tensions, found.arrays[TENSIONS]).any(axis=1)
         return beyond
 
     def _cost(self, q: Array) -> Array:

@@ -86,8 +86,9 @@ from cartstiff.files.struts.flexure_struts import FlexureStruts
 from cartstiff.kinematics.at_pose import COORDINATES, at_poses
 from cartstiff.kinematics.legs import Leg, legs_of
 from cartstiff.kinematics.rods import rod_of
+from cartstiff.recorded.arguments import TENSIONS
 from cartstiff.recorded.quick_poses import QuickPoses
-from cartstiff.recorded.recording import tensions_of_many
+from cartstiff.recorded.recording import arrays_of_many
 from cartstiff.wings.reach.architecture import architecture_of, orientation_rank
 
 
@@ -633,7 +634,8 @@ class Margins(PoseMargins):
         """
         kind, wrench, axes = self.load or (DEAD_AT_ORIGIN, None, "body")
         q = self.platform.coordinates_of(poses)
-        return tensions_of_many(self.elastic, q, wrench, kind, axes)
+        found = arrays_of_many(self.elastic, (TENSIONS,), q, wrench, kind, axes)
+        return found.arrays[TENSIONS]
 
 
 def _wrenches_of(lines: Array, tensions: Array) -> Array:
