@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from tests.doors import Elements
 
 from cartstiff import ElasticMechanism
 
@@ -52,19 +51,29 @@ def neighbours(elastic: ElasticMechanism) -> list[Neighbours]:
     known = elastic.identified
     if known is None:
         return []
-    elements = Elements(elastic)
-    patterns, own = elements.patterns(known.patterns), np.sqrt(np.diag(elements.compliance))
+    own, pairs = elastic.compliances, []
+    sizes = dict[str, float]()
+    for key in own:
+        one, _, axis = key.partition("*")
+        other = f"{one.rpartition('.')[0]}.{axis}" if axis else one
+        sizes[key] = float(np.sqrt(abs(own[one].value * own[other].value)))
     # Of a coefficient that is all but zero its deviation is the natural size.
-    of_laws = np.array([bool(p.law) for p in known.patterns], bool)
-    sizes = np.maximum(np.abs(known.values), np.sqrt(known.covariance.diagonal()))
-    pairs = []
+    for pattern, variance in zip(known.patterns, known.covariance.diagonal(), strict=True):
+        for key, _ in pattern.keys:
+            sizes[key] = max(sizes[key], float(np.sqrt(variance))) if " x^" in key else sizes[key]
     for change in _roots(known.covariance).T:
-        share = np.tensordot(change, patterns, axes=1) / np.multiply.outer(own, own)
-        bent = np.abs(change[of_laws]) / sizes[of_laws]
-        largest = max(float(np.abs(share).max(initial=0.0)), float(bent.max(initial=0.0)))
+        changed = dict.fromkeys(own, 0.0)
+        for pattern, step in zip(known.patterns, change.tolist(), strict=True):
+            for key, weight in pattern.keys:
+                changed[key] += weight * step
+        largest = max((abs(x) / sizes[key] for key, x in changed.items() if x), default=0.0)
         if not largest > 0.0:
             continue
-        step = _STEP / largest * change
-        more, less = (elements.with_parameters(known.patterns, sign * step) for sign in (1.0, -1.0))
+        more, less = (
+            elastic.with_compliances(
+                {key: own[key].value + sign * _STEP / largest * x for key, x in changed.items()}
+            )
+            for sign in (1.0, -1.0)
+        )
         pairs.append(Neighbours(more, less, 0.5 * largest / _STEP))
     return pairs

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.doors import Elements
 from tests.mechanisms.oracle import GRAVITY
 from tests.support import gradient_of, log_reference, relative_error
 
@@ -49,8 +48,8 @@ def test_springs_beside_the_springs_of_joints_keep_their_stiffness_with_a_compli
     """10 and 3 kN m/rad in parallel are 13, also where the compliances are set anew."""
     beside = JointSprings(np.full(6, 3e3), np.zeros(6))
     elastic = load("fanuc-r2000ic", stiffness=1e4).with_potential(beside)
-    elements = Elements(elastic)
-    same = elements.with_compliance(elements.compliance)
+    own = {name: number.value for name, number in elastic.compliances.items()}
+    same = elastic.with_compliances(own)
     hessian = same.evaluate(same.mechanism.at(same.q)).hessian
     np.testing.assert_allclose(hessian, 1.3e4 * np.eye(6), rtol=0, atol=1e-8)
     np.testing.assert_array_equal(same.springs.stiffness, np.full(6, 1e4))

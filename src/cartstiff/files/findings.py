@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cartstiff.core.errors import InputError, check_name
-from cartstiff.core.mechanisms.elements import Elements, coefficient, law_of
-from cartstiff.core.mechanisms.identified import CompliancePattern, Identified
+from cartstiff.core.mechanisms.identified import (
+    CompliancePattern,
+    Identified,
+    size_of_compliance,
+)
 from cartstiff.core.notes import Note
+from cartstiff.core.potentials.contract import BEAM, Number, key_of_law, key_of_pair
 
 if TYPE_CHECKING:
     from cartstiff.core.mechanisms.elastic import ElasticMechanism
@@ -31,15 +36,15 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
     InputError
         If they do not fit each other, or the springs of the file.
     """
-    elements, beyond, where = Elements(elastic), {*elastic.beyond}, "key identified"
+    own, beyond, where = elastic.compliances, {*elastic.beyond}, "key identified"
     # Compliances of springs that act, each compared with the file's own.
     P, kept = len(model.compliances), dict[int, CompliancePattern]()
     for i, entry in enumerate(model.compliances):
         pattern = _pattern(entry, beyond)
         if pattern is not None:
             kept[i] = pattern
-            _check_found(elastic, elements, pattern, entry)
-    names = {*elements.names, *(entry.name for entry in model.compliances)}
+            _check_found(own, pattern, entry)
+    names = {*own, *(entry.name for entry in model.compliances)}
     at_least = {name: k for name, k in model.at_least.items() if name not in beyond}
     for name in at_least:
         check_name("spring", name, names, f"{where}.at_least")
@@ -76,56 +81,43 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
 
 def _pattern(entry: FoundModel, beyond: set[str]) -> CompliancePattern | None:
     """Springs of a compliance, but those beyond the frame; None without any."""
-    law = entry.polynomial
-    own = [] if law else [(entry.name, entry.name, 1.0)]
-    pairs = [pair for pair in entry.elements or own if beyond.isdisjoint(pair[:2])]
-    if not pairs and (law is None or law[0] in beyond):
-        return None
-    return CompliancePattern(entry.name, tuple(pairs), law)
+    if entry.polynomial is not None and entry.elements is not None:
+        raise InputError(
+            f"{entry.name!r} has elements and a polynomial",
+            where="key identified",
+            expected="one of both",
+        )
+    if entry.polynomial is not None:
+        joint, power = entry.polynomial
+        pairs = [(joint, key_of_law(joint, power), 1.0)]
+    elif entry.name.endswith(BEAM):
+        members = [a for a, _, _ in entry.elements or ()]
+        pairs = [(min(members, default=entry.name), entry.name, 1.0)]
+    else:
+        each = entry.elements or [(entry.name, entry.name, 1.0)]
+        pairs = [(a, key_of_pair(a, b), w) for a, b, w in each if b not in beyond]
+    keys = tuple((key, weight) for a, key, weight in pairs if a not in beyond)
+    return CompliancePattern(entry.name, keys) if keys else None
 
 
 def _check_found(
-    elastic: ElasticMechanism,
-    elements: Elements,
-    pattern: CompliancePattern,
-    entry: FoundModel,
+    own: Mapping[str, Number], pattern: CompliancePattern, entry: FoundModel
 ) -> None:
     """Refuse a measured compliance, or coefficient, that is not that of the
     file's springs.
     """
-
-    def check(what: str, own: float, value: float, size: float) -> None:
-        if abs(own - value) > _COMPLIANCE_TOLERANCE * size:
+    where, what = "key identified", "value" if entry.polynomial else "compliance"
+    for key, weight in pattern.keys:
+        check_name("spring", key, own, where)
+        value = entry.value * weight
+        error = abs(own[key].value - value)
+        if not pattern.is_share and error > _COMPLIANCE_TOLERANCE * size_of_compliance(
+            key, own
+        ):
             raise InputError(
                 f"{what} of {entry.name!r} is not that of the file's spring",
                 where=where,
-                expected=f"{own:.6g}, or no key 'identified' with springs that were "
-                "changed",
+                expected=f"{own[key].value:.6g}, or no key 'identified' with springs "
+                "that were changed",
                 got=f"{value:.6g}",
             )
-
-    where, law = "key identified", entry.polynomial
-    if law is not None and entry.elements is not None:
-        raise InputError(
-            f"{entry.name!r} has elements and a polynomial",
-            where=where,
-            expected="one of both",
-        )
-    for a, b, weight in pattern.entries:
-        row, column = (elements.index(name, where) for name in (a, b))
-        C = elements.compliance
-        if not pattern.is_share:
-            size = float(np.sqrt(C[row, row] * C[column, column]))
-            check("compliance", C[row, column], entry.value * weight, size)
-    if law is None:
-        return
-    power, c = law[1], law_of(elastic, law[0], where).powers
-    if power > len(c) or (power == 1 and not c[0] > 0.0):
-        raise InputError(
-            f"{entry.name!r} is no coefficient of the spring",
-            where=where,
-            expected=f"powers 1 to {len(c)}",
-            got=power,
-        )
-    own = coefficient(elastic, law)
-    check("value", own, entry.value, abs(own))

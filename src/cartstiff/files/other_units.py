@@ -14,7 +14,6 @@ import numpy as np
 
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.mechanisms.elements import Elements
 from cartstiff.core.units import Units, convert_length
 
 
@@ -57,7 +56,7 @@ def in_units(elastic: ElasticMechanism, length: str) -> ElasticMechanism:
             if c.name in elastic.efforts
         },
         potentials=tuple(p.in_units(a, sizes, efforts) for p in elastic.potentials),
-        identified=known and known.scaled(Elements(elastic).deflect_by_length, a),
+        identified=known and known.scaled(elastic.compliances, a),
     )
 
 

@@ -37,7 +37,6 @@ from cartstiff.core.arrays import Array
 from cartstiff.core.errors import CartstiffError, InputError
 from cartstiff.core.geometry.differences import derivative_with_error
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.mechanisms.elements import Elements
 from cartstiff.core.potentials.contract import Number
 from cartstiff.core.stiffness.compute import PostureStiffness, analyse
 
@@ -260,10 +259,11 @@ class Parameters:
         of_file = {n.removeprefix(FILE): x for n, x in values.items() if n[:10] == FILE}
         if of_file and self.reread is not None:
             elastic = self.reread(of_file)
-        if known is not None and not values.keys().isdisjoint(known.labels):
-            change = [values.get(name, x) - x for name, x in self.measured.items()]
-            elements = Elements(self.asked)
-            elastic = elements.with_parameters(known.patterns, np.array(change))
+        for pattern in () if known is None else known.patterns:
+            if (x := values.get(pattern.label)) is not None:
+                change = x - self.measured[pattern.label]
+                softer = pattern.changed(elastic.compliances, change)
+                elastic = elastic.with_compliances(softer)
         springs, tensions = elastic.springs, self.result.tensions
         if (
             self.rests_are_given

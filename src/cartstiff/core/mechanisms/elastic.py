@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,12 @@ from cartstiff.core.arrays import (
     named_values,
     real_array,
 )
-from cartstiff.core.errors import InputError, UnknownNameError, checked_kind
+from cartstiff.core.errors import (
+    InputError,
+    UnknownNameError,
+    check_name,
+    checked_kind,
+)
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.contract import Mechanism, MechanismPosture
@@ -178,7 +183,7 @@ class ElasticMechanism(ShownInLines):
         ) is not None:  # a note names those that are not determined
             known |= {
                 *found.undetermined,
-                *(a for p in found.patterns for a, _, _ in p.entries),
+                *(name for p in found.patterns for name, _ in p.keys),
             }
         return frozenset(name for name, has_spring in sprung if has_spring) - known
 
@@ -469,6 +474,77 @@ class ElasticMechanism(ShownInLines):
                 springs = springs.at_points(mechanism.anchors, mechanism.points)
         terms = tuple(term.with_numbers(values, names) for term, names in self.labelled())
         return replace(self, mechanism=mechanism, springs=springs, potentials=terms)
+
+    @cached_property
+    def _deflecting(self) -> list[tuple[Potential, Sequence[str], Sequence[bool]]]:
+        """Springs and potentials, with the names of what deflects in them and whether
+        that is a distance.
+        """
+        slides = [c.is_length for c in self.mechanism.coordinates]
+        found = list[tuple[Potential, Sequence[str], Sequence[bool]]]()
+        for term, names in self._named:
+            if at := term.members:
+                names = [self.names[j] for j in at]
+                found.append((term, names, [slides[j] for j in at]))
+            else:
+                own = self.slides if term is self.springs else [True] * len(names)
+                found.append((term, names, own))
+        return found
+
+    @cached_property
+    def compliances(self) -> dict[str, Number]:
+        """The compliances that measurements find, by name; see
+        `cartstiff.core.potentials.contract.Potential.compliances`.
+        """
+        each = [term.compliances(*names) for term, *names in self._deflecting]
+        return {name: number for found in each for name, number in found.items()}
+
+    def with_compliances(self, values: Mapping[str, float]) -> ElasticMechanism:
+        """The mechanism with some of `compliances` changed; other names are ignored."""
+        if not values:
+            return self
+        each = [
+            term.with_compliances(values, names) for term, names, _ in self._deflecting
+        ]
+        springs = None if self.springs is None else cast(Springs, each.pop(0))
+        return replace(self, springs=springs, potentials=tuple(each))
+
+    def softened(
+        self,
+        key: str,
+        start: MechanismPosture | None = None,
+        forces: Array | None = None,
+    ) -> tuple[Potential, Potential, float]:
+        """`Potential.softened` of what has one of `compliances`.
+
+        Springs have the `forces` (m,) at the start, where these are not NaN: rest
+        positions that were chosen there follow.
+        """
+        check_name("compliance", key, self.compliances)
+        term, names = self._owners[key]
+        more, less, factor = term.softened(key, names)
+        if term is self.springs and start is not None and forces is not None:
+            more, less = (x.with_forces(start, forces) for x in (more, less))
+        return more, less, factor
+
+    def chosen_forces(
+        self, balanced: ElasticMechanism, posture: MechanismPosture
+    ) -> Array | None:
+        """Forces (m,) at a posture of springs whose open rest positions were chosen
+        there, NaN for the others; for `softened`.
+        """
+        given, chosen = self.springs, balanced.springs
+        if given is None or chosen is None:
+            return None
+        return np.where(given.rest_is_free(), chosen.pull(posture), np.nan)
+
+    @cached_property
+    def _owners(self) -> dict[str, tuple[Potential, Sequence[str]]]:
+        return {
+            key: (term, names)
+            for term, names, slides in self._deflecting
+            for key in term.compliances(names, slides)
+        }
 
     @property
     def commanded(self) -> list[int]:

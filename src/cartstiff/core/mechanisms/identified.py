@@ -12,9 +12,7 @@ import numpy as np
 from cartstiff.core import numerics
 from cartstiff.core.arrays import Array, checked_array, fixed
 from cartstiff.core.errors import InputError
-
-#: Suffix of parameters that are shares of a beam's own compliance.
-BEAM = " (beam)"
+from cartstiff.core.potentials.contract import BEAM, Number
 
 
 def quantile(level: float, degrees: float = np.inf) -> float:
@@ -28,30 +26,30 @@ def quantile(level: float, degrees: float = np.inf) -> float:
     return float(ndtri(tail) if np.isinf(degrees) else stdtrit(degrees, tail))
 
 
-def _per(size: Mapping[str, float], a: float, one: str, other: str) -> float:
-    """Factor of a deflection over an effort: moments become a times as large."""
-    return float(size[one] * size[other] / a)
+def size_of_compliance(key: str, numbers: Mapping[str, Number]) -> float:
+    """Natural size of one of a mechanism's compliances.
+
+    Of one beside the diagonal the root of the product of those on it.
+    """
+    one, _, axis = key.partition("*")
+    other = f"{one.rpartition('.')[0]}.{axis}" if axis else one
+    return float(np.sqrt(abs(numbers[one].value * numbers[other].value)))
 
 
 @dataclass(frozen=True)
 class CompliancePattern:
-    """The elements on which a compliance parameter acts, as a symmetric matrix S.
+    """A parameter that acts on some of `ElasticMechanism.compliances`.
 
     Attributes
     ----------
     name : str
         Name of the parameter.
-    entries : tuple of (str, str, float)
-        Names of two elements and S there; S is symmetric, and each pair occurs once.
-    law : (str, int), optional
-        Joint and power of the deflection of a polynomial spring, in place of entries. The
-        value of the first power is a compliance, those of others are coefficients of the
-        torque.
+    keys : tuple of (str, float)
+        Names of compliances, and the change of each per unit of the parameter.
     """
 
     name: str
-    entries: tuple[tuple[str, str, float], ...]
-    law: tuple[str, int] | None = None
+    keys: tuple[tuple[str, float], ...]
 
     @property
     def is_share(self) -> bool:
@@ -61,28 +59,14 @@ class CompliancePattern:
         return self.name.endswith(BEAM)
 
     @property
-    def is_diagonal(self) -> bool:
-        """Whether S is diagonal, so that the parameter cannot be negative."""
-        if self.law is not None:
-            return self.law[1] == 1
-        return all(a == b and weight > 0 for a, b, weight in self.entries)
+    def label(self) -> str:
+        """Name with its kind: "compliance.NAME", or "coefficient.NAME"."""
+        is_law = self.keys[0][0].rpartition(" x^")[0]
+        return f"{'coefficient' if is_law else 'compliance'}.{self.name}"
 
-    def factor(self, size: Mapping[str, float], a: float) -> float:
-        """Factor of the value if lengths are times `a`, and deflections times `size`."""
-        if self.law is not None:
-            name, power = self.law
-            if power > 1:
-                return float(a / size[name] ** (power + 1))
-            return _per(size, a, name, name)
-        # A beam's value is a share of the file's own, which has no unit.
-        return 1.0 if self.is_share else _per(size, a, *self.entries[0][:2])
-
-    def scaled(
-        self, size: Mapping[str, float], a: float, factor: float
-    ) -> CompliancePattern:
-        """The pattern where the value is times `factor`, see `factor`."""
-        entries = [(i, j, s * _per(size, a, i, j) / factor) for i, j, s in self.entries]
-        return replace(self, entries=tuple(entries))
+    def changed(self, numbers: Mapping[str, Number], change: float) -> dict[str, float]:
+        """The compliances that a change of the parameter changes."""
+        return {key: numbers[key].value + weight * change for key, weight in self.keys}
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,30 +130,19 @@ class Identified:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Names with their kind: "compliance.NAME", or "coefficient.NAME"."""
-        return tuple(
-            f"{'coefficient' if p.law and p.law[1] > 1 else 'compliance'}.{p.name}"
-            for p in self.patterns
-        )
+        """Names with their kind."""
+        return tuple(pattern.label for pattern in self.patterns)
 
-    def scaled(self, lengths: Mapping[str, bool], a: float) -> Identified:
-        """Return it with all lengths times `a`.
-
-        `lengths` says which springs deflect by one.
-        """
-        size = {name: a if is_length else 1.0 for name, is_length in lengths.items()}
-        factors = [pattern.factor(size, a) for pattern in self.patterns]
-        pairs = zip(self.patterns, factors, strict=True)
-        # Parameters of several springs have names of their own, and axes of a link have.
-        of = {name: _per(size, a, name, name) for name in size}
-        of |= zip(self.names, factors, strict=True)
-        least = {name: k / of[name] for name, k in (self.at_least or {}).items()}
+    def scaled(self, numbers: Mapping[str, Number], a: float) -> Identified:
+        """The same with all lengths times `a`, of compliances with these units."""
+        size = {p.name: a ** numbers[p.keys[0][0]].length for p in self.patterns}
+        factors = np.array([*size.values()])
+        size |= {name: a**number.length for name, number in numbers.items()}
         return replace(
             self,
-            patterns=tuple(pattern.scaled(size, a, factor) for pattern, factor in pairs),
             values=self.values * factors,
             covariance=self.covariance * np.multiply.outer(factors, factors),
-            at_least=least,
+            at_least={name: k / size[name] for name, k in (self.at_least or {}).items()},
         )
 
     def to_dict(self) -> dict[str, Any]:

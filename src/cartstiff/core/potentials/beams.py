@@ -33,7 +33,13 @@ from cartstiff.core import numerics
 from cartstiff.core.geometry.jets import Jet, variables
 from cartstiff.core.geometry.se3 import Array, read_only
 from cartstiff.core.notes import Note
-from cartstiff.core.potentials.contract import Evaluation, Number, Posture, Potential
+from cartstiff.core.potentials.contract import (
+    BEAM,
+    Evaluation,
+    Number,
+    Posture,
+    Potential,
+)
 from cartstiff.core.potentials.segment_shapes import (
     deformations,
     internal_twist,
@@ -215,10 +221,25 @@ class Beam(Potential):
         K[range(len(straight)), :, range(len(straight))] = straight
         return K.reshape(6 * len(straight), -1)
 
-    def with_compliance(self, compliance: Array) -> Beam:
-        """The same, stiffer by a factor: a beam's compliance is a multiple of its own."""
-        own = np.linalg.inv(self.own_stiffness)
-        return self.times(float(np.trace(own) / np.trace(compliance)))
+    def _key(self, names: Sequence[str]) -> str:
+        return f"{self.link or names[0].rpartition('.')[0]}{BEAM}"
+
+    def compliances(
+        self,
+        names: Sequence[str],
+        slides: Sequence[bool],  # noqa: ARG002
+    ) -> dict[str, Number]:
+        """The share of its own compliance: one axis has none of its own."""
+        return {self._key(names): Number(1.0, is_positive=True)}
+
+    def with_compliances(self, values: Mapping[str, float], names: Sequence[str]) -> Beam:
+        """The same with a share of its compliance."""
+        share = values.get(self._key(names), 1.0)
+        return self if share == 1.0 else self.times(1.0 / share)
+
+    def softened(self, key: str, names: Sequence[str]) -> tuple[Beam, Beam, float]:  # noqa: ARG002
+        """The beam, twice as stiff."""
+        return self.times(2.0), self, -1.0
 
     def times(self, factor: float) -> Beam:
         """The same, stiffer by a factor."""

@@ -181,6 +181,20 @@ class Number(NamedTuple):
     is_positive: bool = False
 
 
+#: End of the name of a share of a beam's own compliance.
+BEAM = " (beam)"
+
+
+def key_of_pair(a: str, b: str) -> str:
+    """Name of an entry of a compliance matrix, from those of two deflections."""
+    return a if a == b else f"{a}*{b.rpartition('.')[2]}"
+
+
+def key_of_law(joint: str, power: int) -> str:
+    """Name of a coefficient of a polynomial spring among `Potential.compliances`."""
+    return joint if power == 1 else f"{joint} x^{power}"
+
+
 class Named(Protocol):
     """A coordinate, as potentials need it."""
 
@@ -430,9 +444,29 @@ class Potential(ABC):
         """
         return None
 
-    def with_compliance(self, compliance: Array) -> Self:  # noqa: ARG002
-        """The same with another compliance (m, m) of its undeflected parts."""
+    def compliances(
+        self,
+        names: Sequence[str],  # noqa: ARG002
+        slides: Sequence[bool],  # noqa: ARG002
+    ) -> dict[str, Number]:
+        """Its compliances, which measurements find, with `names` of what deflects in it.
+
+        A diagonal entry has the name of its deflection, another one that of two,
+        "forearm.x*ry". Higher coefficients of polynomials count, "JOINT x^2".
+        """
+        return {}
+
+    def with_compliances(self, values: Mapping[str, float], names: Sequence[str]) -> Self:  # noqa: ARG002
+        """The same with some of `compliances` changed."""
         return self
+
+    def softened(self, key: str, names: Sequence[str]) -> tuple[Self, Self, float]:  # noqa: ARG002
+        """Two of the same and a factor: the difference of their energies times it is the
+        derivative of the energy by one of `compliances`.
+
+        That is exact, since energies are linear in stiffness.
+        """
+        return self, self, 0.0
 
     def drawn(self, posture: Posture) -> Drawn | None:  # noqa: ARG002
         """Lines to draw at a posture; none by default."""

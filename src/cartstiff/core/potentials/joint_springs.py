@@ -5,7 +5,7 @@ Energy Phi = sum_j U_j(q_j - r_j) with rest positions r; torque U_j', stiffness 
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -16,8 +16,12 @@ from cartstiff.core.arrays import checked_array, read_only
 from cartstiff.core.errors import InputError
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
-from cartstiff.core.potentials.contract import Evaluation, Posture
+from cartstiff.core.potentials.contract import Evaluation, Number, Posture, key_of_law
+from cartstiff.core.potentials.spring_laws import PolynomialLaw
 from cartstiff.core.potentials.springs import Chosen, SpringLaw, Springs
+
+# Share of a coefficient between which a difference is taken.
+_COEFFICIENT_STEP = 2.0**-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +98,56 @@ class JointSprings(Springs):
     def with_laws(self, laws: Mapping[int, SpringLaw]) -> JointSprings:
         """The same with other laws."""
         return replace(self, laws=laws)
+
+    def compliances(
+        self, names: Sequence[str], slides: Sequence[bool]
+    ) -> dict[str, Number]:
+        """Those of linear springs, and the coefficients of polynomials.
+
+        The first coefficient counts by its inverse.
+        """
+        found = super().compliances(names, slides)
+        for j, law in self.laws.items() if names else ():
+            for power, c in enumerate(law.powers, start=1):
+                # An effort over a deflection to that power.
+                length = -float(power) if slides[j] else 1.0
+                number = Number(c, length, 1.0)
+                if power == 1:
+                    number = Number(1.0 / c if c else np.inf, -length, -1.0, True)
+                found[key_of_law(names[j], power)] = number
+        return found
+
+    def with_compliances(
+        self, values: Mapping[str, float], names: Sequence[str]
+    ) -> JointSprings:
+        """The same with other linear springs, and other coefficients."""
+        laws = dict(self.laws)
+        for j, law in self.laws.items() if names else ():
+            c = list(law.powers)
+            for i in range(len(c)):
+                if (x := values.get(key_of_law(names[j], i + 1))) is not None:
+                    c[i] = x if i else 1.0 / x
+            if c != list(law.powers):
+                laws[j] = PolynomialLaw(tuple(c))
+        return replace(super().with_compliances(values, names), laws=laws)
+
+    def softened(
+        self, key: str, names: Sequence[str]
+    ) -> tuple[JointSprings, JointSprings, float]:
+        """A linear spring, or one coefficient of a polynomial a little to both sides."""
+        name, _, power = key.partition(" x^")
+        j, i = names.index(name), int(power or 1) - 1
+        if j not in self.laws:
+            return super().softened(key, names)
+        c = self.laws[j].powers
+        step = _COEFFICIENT_STEP * (abs(c[i]) or 1.0)
+        more, less = (
+            self.with_laws(
+                {**self.laws, j: PolynomialLaw((*c[:i], c[i] + s, *c[i + 1 :]))}
+            )
+            for s in (step, -step)
+        )
+        return more, less, (1.0 if i else -(c[0] ** 2)) / (2.0 * step)
 
     def at_rest(self, q: Array) -> JointSprings:
         """The same at rest at q (n,)."""

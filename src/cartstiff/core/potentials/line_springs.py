@@ -438,6 +438,13 @@ class LineSprings(PosePotential, Springs):
         """Rest lengths to be chosen (m,): those not given, or all."""
         return np.isnan(self.rest_length) | every
 
+    def with_forces(self, posture: Posture, forces: Array) -> LineSprings:
+        """The same lines with rest lengths at which they have tensions (m,)."""
+        rest = self.positions(posture) - forces / self.stiffness
+        return self.replaced(
+            self.stiffness, np.where(np.isnan(forces), self.rest_length, rest)
+        )
+
     def balancing(
         self,
         posture: Posture,

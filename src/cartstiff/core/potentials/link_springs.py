@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
 from math import pi
 from typing import Any, ClassVar, Self
 
@@ -12,7 +13,13 @@ import numpy as np
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.notes import Note
-from cartstiff.core.potentials.contract import Evaluation, Number, Posture, Potential
+from cartstiff.core.potentials.contract import (
+    Evaluation,
+    Number,
+    Posture,
+    Potential,
+    key_of_pair,
+)
 
 # Least share of a link's Euler load for a note that a 6x6 spring neglects it: the
 # deflection is too small by about that share.
@@ -59,10 +66,46 @@ class CoupledSprings(Potential):
         """The matrix, rotations before translations."""
         return {"stiffness": self.matrix[se3.SWAP][:, se3.SWAP].tolist()}
 
-    def with_compliance(self, compliance: Array) -> CoupledSprings:
-        """The same with ``K = C^-1``."""
-        K = np.linalg.inv(compliance)
+    def _places(self, names: Sequence[str]) -> dict[str, tuple[int, int]]:
+        """Row and column of each of `compliances`."""
+        pairs = combinations_with_replacement(range(len(names)), 2)
+        return {key_of_pair(names[i], names[j]): (i, j) for i, j in pairs}
+
+    def compliances(
+        self, names: Sequence[str], slides: Sequence[bool]
+    ) -> dict[str, Number]:
+        """Entries of ``C = K^-1``: deflections over efforts."""
+        C = np.linalg.inv(self.matrix)
+        return {
+            key: Number(float(C[i, j]), float(slides[i] + slides[j] - 1), -1.0, i == j)
+            for key, (i, j) in self._places(names).items()
+        }
+
+    def with_compliances(
+        self, values: Mapping[str, float], names: Sequence[str]
+    ) -> CoupledSprings:
+        """The same with other entries of C."""
+        C = np.linalg.inv(self.matrix)
+        changed = {
+            at: values[key] for key, at in self._places(names).items() if key in values
+        }
+        for (i, j), value in changed.items():
+            C[i, j] = C[j, i] = value
+        if not changed:
+            return self
+        K = np.linalg.inv(C)
         return replace(self, matrix=0.5 * (K + K.T))
+
+    def softened(
+        self, key: str, names: Sequence[str]
+    ) -> tuple[CoupledSprings, CoupledSprings, float]:
+        """K moved along ``K S K``, with S one at the entry of C: ``dK = -K S K dC``."""
+        K, (i, j) = self.matrix, self._places(names)[key]
+        moved = np.outer(K[:, i], K[j])
+        if i != j:
+            moved = moved + moved.T
+        step = float(np.abs(K).max() / np.abs(moved).max())
+        return replace(self, matrix=K + step * moved), self, -1.0 / step
 
     def numbers(self, names: Sequence[str]) -> dict[str, Number]:
         """A factor on its stiffness."""

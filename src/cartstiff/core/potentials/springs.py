@@ -304,13 +304,27 @@ class Springs(Potential):
         )
         return self.replaced(np.array(k), np.array(rest))
 
-    @property
-    def own_stiffness(self) -> Array:
-        """Diagonal of the linear springs' stiffnesses, slack cables among them."""
-        return np.diag(self.stiffness[self._linear])
+    def compliances(
+        self, names: Sequence[str], slides: Sequence[bool]
+    ) -> dict[str, Number]:
+        """Those of linear springs."""
+        own = self.numbers(names, slides)
+        each = {name: own.get(f"stiffness.{name}") for name in names}
+        return {
+            name: Number(1.0 / k.value, -k.length, -k.force, True)
+            for name, k in each.items()
+            if k is not None
+        }
 
-    def with_compliance(self, compliance: Array) -> Self:
+    def with_compliances(self, values: Mapping[str, float], names: Sequence[str]) -> Self:
         """The same with other linear springs."""
         k = self.stiffness.copy()
-        k[self._linear] = 1.0 / np.diag(compliance)
+        for i in self._linear if names else ():
+            k[i] = 1.0 / values[names[i]] if names[i] in values else k[i]
         return self.replaced(k, self.rest)
+
+    def softened(self, key: str, names: Sequence[str]) -> tuple[Self, Self, float]:
+        """A linear spring, twice as stiff."""
+        k, i = self.stiffness.copy(), names.index(key)
+        k[i] *= 2.0
+        return self.replaced(k, self.rest), self, -float(self.stiffness[i])

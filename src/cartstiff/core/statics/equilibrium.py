@@ -35,7 +35,7 @@ from cartstiff.core.statics.problem import (
     bounded,
     contact_limits,
 )
-from cartstiff.core.statics.rest import MAX_CURVE_POINTS, chosen_forces, state_of_rest
+from cartstiff.core.statics.rest import MAX_CURVE_POINTS, state_of_rest
 from cartstiff.core.statics.rest import Equilibrium as Equilibrium
 from cartstiff.core.statics.rest import Reactions as Reactions
 from cartstiff.core.statics.small_motions import divergence
@@ -167,7 +167,7 @@ def equilibrium(
     original, elastic, posture, loads, held = start
     chosen = None
     if elastic.identified is not None:
-        chosen = chosen_forces(original, elastic, posture)
+        chosen = original.chosen_forces(elastic, posture)
     acting = contact_limits(original, posture) if limits else None
     system = System(elastic, loads, held, acting)
     with bounded(elastic):

@@ -1,15 +1,11 @@
 r"""State of a mechanism at rest: coordinates, stability, reactions, stiffness.
 
-Its derivative by the springs' compliances: at rest ``g(q, theta) + A^T lam = 0``. A
-compliance parameter with pattern S changes the elements' forces t at fixed q by ``-K S
-t``, K = Gamma^-1, so
+Its derivative by a compliance theta: at rest ``g(q, theta) + A^T lam = 0``, so
 
-    dq / d theta = N H_N^-1 N^T B^T K S (t - t_0)
+    dq / d theta = - N H_N^-1 N^T dg / d theta
 
-with H_N the tangent of all forces. t_0 are the forces, at the start, of elements whose
-rest positions are chosen to balance the others there: these follow the compliance. A
-polynomial spring ``t = c_1 x + c_2 x^2 + ...`` exerts ``x^m - x_0^m k(x) / k(x_0)`` more
-per c_m, with the deflection x_0 at the start if its rest position was chosen, else zero.
+with H_N the tangent of all forces. Springs whose rest positions are chosen to balance the
+others at the start keep their forces there.
 """
 
 from __future__ import annotations
@@ -17,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -28,7 +24,6 @@ from cartstiff.core.errors import ConvergenceError, UndefinedError
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.mechanisms.elements import Elements, law_of
 from cartstiff.core.mechanisms.gravity_loads import gravity_loads
 from cartstiff.core.mechanisms.identified import CompliancePattern
 from cartstiff.core.mechanisms.limits import deflection_notes, limit_notes, limits_of
@@ -61,21 +56,6 @@ from cartstiff.core.stiffness.reduction import reduced_at
 from cartstiff.core.stiffness.tensor import StiffnessTensor, codes_of, numbers_text
 
 
-class InitialForces(NamedTuple):
-    """State at the start of springs with chosen rest positions; zero for the others.
-
-    Attributes
-    ----------
-    forces : ndarray (E,)
-        Forces of the elements.
-    deflections : ndarray (n,)
-        Deflections of the joints' springs.
-    """
-
-    forces: Array
-    deflections: Array
-
-
 def motion_under_forces(
     posture: MechanismPosture, balance: Balance, forces: Array
 ) -> Array:
@@ -90,62 +70,37 @@ def motion_under_forces(
 
 
 def motion_by_compliance(
+    elastic: ElasticMechanism,
     posture: MechanismPosture,
     balance: Balance,
-    elements: Elements,
     parameters: Sequence[CompliancePattern],
-    chosen: InitialForces | None = None,
+    start: MechanismPosture | None = None,
+    chosen: Array | None = None,
 ) -> Array:
     """Derivative (n, P) of the coordinates at rest by each parameter.
 
     Parameters
     ----------
+    elastic : ElasticMechanism
+        With all rest positions chosen.
     posture : MechanismPosture
         At rest.
     balance : Balance
         Forces and stiffness there.
-    elements : Elements
-        Elements of the mechanism with all rest positions chosen.
     parameters : sequence of CompliancePattern
         The parameters (P,).
-    chosen : InitialForces, optional
-        From `chosen_forces`; default zero.
+    start : MechanismPosture, optional
+        Where rest positions were chosen.
+    chosen : ndarray (m,), optional
+        Forces there of the springs whose rest positions these are, else NaN.
     """
-    t = elements.forces(posture)
-    if chosen is not None:
-        t = t - chosen.forces
-    softer = elements.stiffness @ (elements.patterns(parameters) @ t).T
-    forces = elements.rows(posture).T @ softer
+    forces = np.zeros((len(posture.q), len(parameters)))
     for p, parameter in enumerate(parameters):
-        if parameter.law is not None:
-            name, power = parameter.law
-            j, law = elements.elastic.names.index(name), law_of(elements.elastic, name)
-            springs = elements.elastic.springs
-            assert springs is not None  # it has a law
-            x = float(posture.q[j] - springs.rest[j])
-            x0 = 0.0 if chosen is None else float(chosen.deflections[j])
-            lost = x**power - x0**power * law.evaluate(x)[2] / law.evaluate(x0)[2]
-            forces[j, p] -= lost * (-(law.powers[0] ** 2) if power == 1 else 1.0)
+        for key, weight in parameter.keys:
+            *both, factor = elastic.softened(key, start, chosen)
+            more, less = (term.evaluate(posture).gradient for term in both)
+            forces[:, p] -= weight * factor * np.nan_to_num(more - less)
     return motion_under_forces(posture, balance, forces)
-
-
-def chosen_forces(
-    original: ElasticMechanism, balanced: ElasticMechanism, start: MechanismPosture
-) -> InitialForces:
-    """Forces, at the start, of the springs whose rest positions were open."""
-    elements = Elements(balanced)
-    springs = original.springs
-    open_ = np.zeros(len(elements.names), bool)
-    if springs is not None:
-        rest = springs.rest_is_free()
-        chosen = [
-            n for n, is_open in zip(original.spring_names, rest, strict=True) if is_open
-        ]
-        open_ = np.array([name in chosen for name in elements.names], bool)
-    deflections, own = np.zeros(len(start.q)), balanced.springs
-    if springs is not None and own is not None and own.has_coordinate(len(start.q)).any():
-        deflections = np.where(springs.rest_is_free(), start.q - own.rest, 0.0)
-    return InitialForces(np.where(open_, elements.forces(start), 0.0), deflections)
 
 
 _NEUTRAL = (
@@ -461,7 +416,7 @@ class Equilibrium(Result, LabelledResult):
     #: omega^2 of the vibrations, without an energy.
     _squares: Array | None = None
     #: State at the start of springs whose rest positions were chosen there; or None.
-    _chosen: InitialForces | None = None
+    _chosen: Array | None = None
     #: See `ElasticMechanism.before_load`, of the mechanism as it was given.
     _before_load: Literal["balanced", "given", "partly"] | None = None
 
@@ -700,10 +655,11 @@ class Equilibrium(Result, LabelledResult):
         if known is None:
             return None
         motion = motion_by_compliance(
+            self.elastic,
             self.posture,
             self._solution.balance,
-            Elements(self.elastic),
             known.patterns,
+            self.start,
             self._chosen,
         )
         turned = (

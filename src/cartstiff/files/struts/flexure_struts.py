@@ -231,6 +231,15 @@ class FlexureStruts(LineSprings):
         found |= {f"rest.{n}": Number(x, 1.0) for n, x in rest}
         return {name: x for name, x in found.items() if np.isfinite(x.value)}
 
+    def compliances(
+        self,
+        names: Sequence[str],  # noqa: ARG002
+        slides: Sequence[bool],  # noqa: ARG002
+    ) -> dict[str, Number]:
+        """None: measurements of struts with flexures are refused."""
+        self.require_ideal_joints("springs that are found by measurements")
+        return {}
+
     def with_numbers(self, values: Mapping[str, float], names: Sequence[str]) -> Self:
         """The same with some of `numbers` changed."""
         own = self.numbers(names)

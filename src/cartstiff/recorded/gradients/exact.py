@@ -286,18 +286,13 @@ class Recorded:
         known, own = self.elastic.identified, self._own
         if known is None:
             return {}
-        return {
-            label: np.sum(
-                [
-                    -weight * own[f"stiffness.{a}"] ** 2 * named[f"stiffness.{a}"]
-                    for a, _, weight in pattern.entries
-                ],
-                axis=0,
-            )
-            for label, pattern in zip(known.labels, known.patterns, strict=True)
-            if pattern.law is None
-            and all(a == b and f"stiffness.{a}" in named for a, b, _ in pattern.entries)
-        }
+        found = dict[str, Array]()
+        for pattern in known.patterns:
+            each = [(f"stiffness.{key}", weight) for key, weight in pattern.keys]
+            if all(k in named for k, _ in each):
+                parts = [-weight * own[k] ** 2 * named[k] for k, weight in each]
+                found[pattern.label] = np.sum(parts, axis=0)
+        return found
 
     def _known(self, components: Mapping[str, int]) -> dict[str, int]:
         return {name: i for name, i in components.items() if name in self._own}

@@ -85,7 +85,7 @@ def _springs(result: Identification) -> Table:
 
 def answer_of_plan(plan: Plan) -> Answer:
     """The chosen rows, the predicted intervals, and their decrease with more rows."""
-    elastic, data = plan.unknowns.elements.elastic, plan.to_dict()
+    elastic, data = plan.unknowns.elastic, plan.to_dict()
     by_rows = [
         (entry["rows"], _half_width(factor, entry["worst_relative_sd"]))
         for factor, entry in zip(plan.factors, data["by_rows"], strict=True)
@@ -133,7 +133,7 @@ def _predicted(plan: Plan, entry: dict[str, Any]) -> dict[str, Any]:
 
 def _rows_to_measure(plan: Plan) -> Table:
     """Postures and loads."""
-    elastic, rows = plan.unknowns.elements.elastic, plan.rows
+    elastic, rows = plan.unknowns.elastic, plan.rows
     units, forces = elastic.units, plain(rows.wrench[:, 3:])
     body = (
         [i, *q, mass, Quantity(tuple(force), units.force)]

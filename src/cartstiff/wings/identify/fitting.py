@@ -420,7 +420,7 @@ def geometry_of(model: Model, fit: Fit) -> dict[str, tuple[float, float]]:
     answer = {}
     for name, change, g, i in zip(names, changes, G, near, strict=True):
         s = float(np.sqrt(g[i] @ C[np.ix_(i, i)] @ g[i]))
-        limit = _MAX_OFFSET_DEVIATION * size_of(model.unknowns.elements.elastic, name)
+        limit = _MAX_OFFSET_DEVIATION * size_of(model.unknowns.elastic, name)
         answer[name] = change, s if s <= limit else np.nan
     return answer
 

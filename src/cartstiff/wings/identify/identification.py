@@ -28,11 +28,7 @@ from cartstiff.core.errors import (
 )
 from cartstiff.core.figures import new_figure
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.mechanisms.identified import (
-    CompliancePattern,
-    Identified,
-    quantile,
-)
+from cartstiff.core.mechanisms.identified import Identified, quantile
 from cartstiff.core.notes import Note
 from cartstiff.core.results import LabelledResult
 from cartstiff.wings.identify.fitting import (
@@ -289,7 +285,7 @@ class Identification(LabelledResult):
     @property
     def elastic(self) -> ElasticMechanism:
         """The measured mechanism."""
-        return self.unknowns.elements.elastic
+        return self.unknowns.elastic
 
     @property
     def offsets(self) -> str:
@@ -648,14 +644,9 @@ def with_result(result: Identification, source: str = "") -> ElasticMechanism:
     patterns = []
     for p in known:
         unknown = result.estimates[p].unknown
-        pattern = unknown.pattern
         if unknown.is_scale:  # the file written holds the beam that was found
             factor[p] = values[p]
-            pattern = CompliancePattern(
-                pattern.name,
-                tuple((a, b, float(w * values[p])) for a, b, w in pattern.entries),
-            )
-        patterns.append(pattern)
+        patterns.append(unknown.pattern)
     covariance = (result.covariance / np.multiply.outer(factor, factor))[
         np.ix_(known, known)
     ]
@@ -828,11 +819,11 @@ def _cables(result: Identification) -> Iterator[Note]:
         return
     # Rows in which the load pushes a cable.
     pushed: dict[str, list[int]] = {}
-    forces, _ = result.model.forces_in(written_values(result.unknowns, result.estimates))
-    least = -numerics.ROUNDOFF * np.abs(forces).max(initial=0.0)
+    values = written_values(result.unknowns, result.estimates)
+    forces = result.model.forces_in_lines(values)
+    least = -numerics.ROUNDOFF * max(float(np.abs(x).max()) for x in forces.values())
     for name in names:
-        force = forces[:, result.unknowns.elements.index(name)]
-        rows = np.unique(result.model.observations.row[force < least])
+        rows = np.unique(result.model.observations.row[forces[name] < least])
         if rows.size:
             pushed[name] = [int(result.measured.rows[n]) for n in rows]
     words = f"cables are taken as taut in every row: {', '.join(names)}"
@@ -875,16 +866,23 @@ def _found(result: Identification) -> Iterator[Note]:
             "model or the signs of load and displacement are wrong"
         )
         yield Note("negative-compliance", words, {"springs": wrong})
-    if any(not u.pattern.is_diagonal for u in result.unknowns.parameters):
-        values = written_values(result.unknowns, result.estimates)
-        lowest = numerics.eigenvalues(result.unknowns.compliance(values))[0]
-        if lowest <= 0.0:
-            words = (
-                "the compliance found for a link has a negative eigenvalue: the noise is "
-                "larger "
-                "than its smallest entries; --unknown LINK:diagonal asks for less"
-            )
-            yield Note("not-definite", words, {"lowest": float(lowest)})
+    lowest = _lowest_of_links(result)
+    if lowest <= 0.0:
+        words = (
+            "the compliance found for a link has a negative eigenvalue: the noise is "
+            "larger "
+            "than its smallest entries; --unknown LINK:diagonal asks for less"
+        )
+        yield Note("not-definite", words, {"lowest": lowest})
+
+
+def _lowest_of_links(result: Identification) -> float:
+    """Least eigenvalue of the compliances that were found for links."""
+    if not any("*" in name for name in result.unknowns.names):
+        return np.inf
+    found = result.unknowns.mechanism(written_values(result.unknowns, result.estimates))
+    links = [K for p in found.potentials if (K := p.own_stiffness) is not None]
+    return min(float(numerics.eigenvalues(np.linalg.inv(K))[0]) for K in links)
 
 
 def _bent(result: Identification, rows: NDArray[np.intp]) -> tuple[Array, Array] | None:
@@ -1133,7 +1131,7 @@ def _fits(
     """The plain and the robust fit of the rows, corrected by the offsets
     that are found.
     """
-    elastic = unknowns.elements.elastic
+    elastic = unknowns.elastic
     for _ in range(_MAX_CORRECTIONS):
         model = model_of(unknowns, measured, loaded)
         _check_count(model)
@@ -1181,7 +1179,7 @@ def _near(model: LoadedModel) -> Array:
     """Parameters of the fit with small loads, if that is cheap, else the file's own."""
     unknowns = model.unknowns
     nominal = unknowns.nominal
-    if needs_equilibrium(unknowns.elements.elastic):
+    if needs_equilibrium(unknowns.elastic):
         return nominal
     try:
         first = fitted(Model(unknowns, model.measured))

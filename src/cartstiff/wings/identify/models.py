@@ -1,18 +1,17 @@
 """Predictions of displacements under load, and their derivatives by each compliance.
 
-Small loads: by the theorem of the unit load a measured number ``a . xi`` has, with F the
-forces in the elements per unit wrench (`cartstiff.wings.identify.influence`), the
-derivative
+Small loads: with H the stiffness on the motions of a posture, J the body's motion and w
+the weight there, a measured number ``a . xi`` is, and has the derivative,
 
-    d(a . xi) / d theta = (F a)^T S (F W)
+    a . xi = a^T J x,  H x = J^T W + w,    d(a . xi) / d theta = - y^T dH x,  H y = J^T a
 
-If the forces follow from the load alone (open chains, six legs) the displacement is
-linear in the compliances; otherwise F is evaluated anew at every step.
+with the exact derivative dH of `Potential.softened`. If the forces follow from the load
+alone (open chains, six legs) the displacement is linear in the compliances.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -22,15 +21,10 @@ from numpy.typing import NDArray
 
 from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
-from cartstiff.core.errors import (
-    CartstiffError,
-    ConvergenceError,
-    InputError,
-    UndefinedError,
-)
+from cartstiff.core.errors import CartstiffError, ConvergenceError, InputError
 from cartstiff.core.geometry import se3
+from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.mechanisms.elements import Elements, laws_of
 from cartstiff.core.potentials.gravity import Gravity
 from cartstiff.core.potentials.loads import DeadForce, DeadWrench, Load
 from cartstiff.core.potentials.springs import SpringLaw
@@ -40,7 +34,6 @@ from cartstiff.core.statics.problem import System
 from cartstiff.core.statics.rest import motion_by_compliance
 from cartstiff.core.stiffness.compute import analyse
 from cartstiff.recorded.recording import analyse_many
-from cartstiff.wings.identify.influence import influence_of
 from cartstiff.wings.identify.measurements import (
     Measurements,
     Observations,
@@ -74,8 +67,24 @@ def at_rest(elastic: ElasticMechanism) -> ElasticMechanism:
     return unloaded(elastic).with_gravity(None)
 
 
-# Bound on the parameters whose forces a model keeps.
-_MOST_KNOWN = 16
+class Response(NamedTuple):
+    """Motion of a mechanism at a posture under unit wrenches on the body, and under its
+    weight.
+
+    Attributes
+    ----------
+    right, motion : ndarray (n, 7)
+        Forces on the motions of the posture, and these motions.
+    rates : ndarray (P, n, n)
+        Derivatives of the stiffness on them.
+    basis : ndarray
+        Coordinates per motion.
+    """
+
+    right: Array
+    motion: Array
+    rates: Array
+    basis: Array = np.eye(1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,16 +105,18 @@ class Model:
 
     unknowns: Unknowns
     measured: Measurements
-    #: Forces by parameters; models of the same postures, from `replace`, share them.
-    _known: dict[bytes, tuple[Array, Array, Array, Array]] = field(default_factory=dict)
 
     @cached_property
     def _rest(self) -> ElasticMechanism:
-        elastic = at_rest(self.unknowns.elements.elastic)
+        return self._linear(self.unknowns.elastic)
+
+    def _linear(self, elastic: ElasticMechanism) -> ElasticMechanism:
+        """A mechanism without loads; an open chain with linear springs only."""
+        elastic = at_rest(elastic)
         springs = elastic.springs
         if springs is not None and springs.laws and is_open_chain(elastic):
             k = springs.stiffness.copy()
-            k[list(springs.laws)] = 1.0  # any value: these are no elements
+            k[list(springs.laws)] = 1.0  # any value: their deflections are added
             springs = springs.linear(springs.laws).replaced(k, np.full(len(k), np.nan))
             elastic = replace(elastic, springs=springs)
         return elastic
@@ -119,8 +130,7 @@ class Model:
     def is_linear(self) -> bool:
         """Whether the prediction is linear in the parameters."""
         mechanism = self._rest.mechanism
-        count = len(self.unknowns.elements.names)
-        legs = mechanism.coordinates_are_pose and count == 6
+        legs = mechanism.coordinates_are_pose and len(self._rest.compliances) == 6
         return legs or (
             self._is_open and not any(u.law for u in self.unknowns.parameters)
         )
@@ -153,7 +163,7 @@ class Model:
     @cached_property
     def observations(self) -> Observations:
         """The measured numbers."""
-        return observe(self.measured, self.unknowns.elements.elastic, self.poses)
+        return observe(self.measured, self.unknowns.elastic, self.poses)
 
     @cached_property
     def offsets(self) -> Offsets:
@@ -165,9 +175,7 @@ class Model:
         """Wrench (m, 6) of each number, whether the own weight adds to it (m,);
         all that acts.
         """
-        loaded, reference, _ = wrenches(
-            self.measured, self.unknowns.elements.elastic, self.poses
-        )
+        loaded, reference, _ = wrenches(self.measured, self.unknowns.elastic, self.poses)
         seen = self.observations
         W = loaded[seen.row] - np.where(
             seen.is_absolute[:, None], 0.0, reference[seen.row]
@@ -179,7 +187,7 @@ class Model:
         """Generalised forces (k, n) of the mechanism's own weight in the
         distinct postures.
         """
-        elastic, (q, _) = self.unknowns.elements.elastic, self._distinct
+        elastic, (q, _) = self.unknowns.elastic, self._distinct
         if elastic.gravity is None:
             return np.zeros((len(q), elastic.mechanism.at(q[0]).motion.jacobian.shape[1]))
         lifts = [p for p in elastic.potentials if p.lifted]
@@ -189,41 +197,59 @@ class Model:
             [-sum(term.evaluate(at).gradient for term in acting) for at in postures]
         )
 
-    def _forces(self, theta: Array) -> tuple[Array, Array, Array, Array]:
-        """Per distinct posture: F (k, E, 6), C (k, 6, 6), and the weight's
-        forces and twist.
-        """
+    def _responses(self, theta: Array) -> Iterator[Response]:
+        """How the mechanism responds in each distinct posture."""
+        mechanism = self._linear(self.unknowns.mechanism(theta))
+        each = [u.pattern.keys for u in self.unknowns.parameters]
+        per = self.unknowns.per_share(theta)
+
+        def rates(
+            elastic: ElasticMechanism,
+            posture: MechanismPosture,
+            forces: Array | None = None,
+        ) -> Array:
+            """Derivatives (P, n, n) of the Hessian by the parameters."""
+            dH = np.zeros((len(each), *2 * (posture.motion.jacobian.shape[1],)))
+            for p, keys in enumerate(each):
+                for key, weight in keys:
+                    if key in elastic.compliances:
+                        *both, factor = elastic.softened(key, posture, forces)
+                        two = [term.evaluate(posture).hessian for term in both]
+                        dH[p] += per[p] * weight * factor * np.subtract(*two)
+            return dH
+
         q, _ = self._distinct
-        weights = self._weights
-        Gamma = self.unknowns.compliance(theta)
-        # An arm: the Jacobian says it all.
         if self._is_open:
-            J = self._kinematics[1]
-            at = [self._rest.names.index(n) for n in self.unknowns.elements.names]
-            J = J[:, :, at]
-            F = J.swapaxes(1, 2)
-            own = weights[:, at]
-            return F, J @ Gamma @ F, own, np.einsum("kie,ef,kf->ki", J, Gamma, own)
-        # Others are analysed at each posture.
-        if (key := theta.tobytes()) in self._known:
-            return self._known[key]
-        elastic = at_rest(self.unknowns.mechanism(theta))
-        elements = type(self.unknowns.elements)(elastic)
-        parts = []
-        for row, weight in zip(q, weights, strict=True):
-            try:
-                parts.append(influence_of(analyse(elastic, row), elements, weight))
-            except UndefinedError as error:
+            # One stiffness at all postures, of the joints that are linear springs.
+            posture = mechanism.mechanism.at(q[0])
+            H = sum(t.evaluate(posture).hessian for t in mechanism.terms())
+            bent = [*self.unknowns.elastic.springs.laws]  # type: ignore[union-attr]
+            own = np.setdiff1d(np.flatnonzero(np.any(H, axis=0)), bent)
+            inverse = np.zeros_like(H)
+            inverse[np.ix_(own, own)] = np.linalg.inv(H[np.ix_(own, own)])
+            dH = rates(mechanism, posture)
+            for J, weight in zip(self._kinematics[1], self._weights, strict=True):
+                right = np.column_stack([J.T, weight])
+                yield Response(right, inverse @ right, dH)
+            return
+        for row, weight in zip(q, self._weights, strict=True):
+            result = analyse(mechanism, row)
+            free = result.reduction.free
+            inverse_of = None if free is None else free.inverse(result.change_by_load)
+            if free is None or inverse_of is None:
                 place = np.flatnonzero((self.measured.q == row).all(axis=1))[0]
+                states = result.reduction.states
+                why = states[-1].message if states else "a motion costs nothing"
                 raise InputError(
-                    f"row {self.measured.rows[place]}: {error}",
+                    f"row {self.measured.rows[place]}: {why}",
                     expected="a posture in which the springs hold the mechanism",
-                ) from None
-        F, C, own, twists = (np.array(part) for part in zip(*parts, strict=True))
-        if len(self._known) == _MOST_KNOWN:
-            self._known.clear()
-        self._known[key] = F, C, own, twists
-        return F, C, own, twists
+                )
+            n = len(weight)
+            N = np.eye(n) if free.basis is None else free.basis
+            right = np.column_stack([free.jacobian.T, N.T @ weight])
+            forces = mechanism.chosen_forces(result.elastic, result.posture)
+            dH = rates(result.elastic, result.posture, forces)
+            yield Response(right, inverse_of.matrix @ right, N.T @ dH @ N, N)
 
     def at(self, theta: Array) -> tuple[Array, Array]:
         """Predictions (m,) and derivatives (m, P).
@@ -248,27 +274,36 @@ class Model:
     @cached_property
     def _tensioned(self) -> list[int]:
         """Parameters of lines whose rest lengths are given."""
-        lines = {n for n in self.unknowns.elements.names if n.startswith("line")}
+        lines = {n for n in self._rest.compliances if n.startswith("line")}
         lines -= set(self._rest.names)
         return [
             p
             for p, u in enumerate(self.unknowns.parameters)
-            if any(a in lines for a, _, _ in u.pattern.entries)
+            if any(key in lines for key, _ in u.pattern.keys)
         ]
 
     def _at(self, theta: Array) -> tuple[Array, Array]:
         """The same with forces in the springs that do not depend on their stiffness."""
-        _, C, _, own_twist = self._forces(theta)
-        by_load, by_functional = self.forces_in(theta)
         W, weighs, _ = self._loads
         a, place = self.observations.functional, self._distinct[1][self.observations.row]
-        twist = np.einsum("mij,mj->mi", C[place], W) + weighs[:, None] * own_twist[place]
-        y = np.einsum("mi,mi->m", a, twist)
-        A = derivatives(by_functional, by_load, self.unknowns.patterns)
-        laws = self.unknowns.laws(theta) if self._is_open else {}
+        acting = np.column_stack([W, weighs])
+        y, A = np.zeros(len(a)), np.zeros((len(a), len(theta)))
+        for k, response in enumerate(self._responses(theta)):
+            rows = np.flatnonzero(place == k)
+            moved = response.motion @ acting[rows].T
+            back = response.motion[:, :6] @ a[rows].T
+            y[rows] = np.einsum("nm,nm->m", response.right[:, :6] @ a[rows].T, moved)
+            A[rows] -= np.einsum("nm,pnr,rm->mp", back, response.rates, moved)
+        laws = self._laws(theta) if self._is_open else {}
         for name, law in laws.items():
             self._add_bent(y, A, theta, name, law)
         return y, A
+
+    def _laws(self, theta: Array) -> dict[str, SpringLaw]:
+        """Nonlinear springs by joint, with the sought coefficients."""
+        elastic = self.unknowns.mechanism(theta)
+        laws = {} if elastic.springs is None else elastic.springs.laws
+        return {elastic.names[j]: law for j, law in laws.items()}
 
     def _add_bent(
         self, y: Array, A: Array, theta: Array, name: str, law: SpringLaw
@@ -301,18 +336,20 @@ class Model:
                     by = theta[p] ** -2 if power == 1 else -1.0
                     A[:, p] += sign * moved * by * x**power / k
 
-    def forces_in(self, theta: Array) -> tuple[Array, Array]:
-        """Forces (m, E) in the elements under each number's load,
-        and under its functional.
-        """
-        F, _, own_forces, _ = self._forces(theta)
-        seen = self.observations
+    def forces_in_lines(self, theta: Array) -> dict[str, Array]:
+        """Force (m,) in each line under each number's load."""
         W, weighs, _ = self._loads
-        place = self._distinct[1][seen.row]
-        by_load = (
-            np.einsum("mei,mi->me", F[place], W) + weighs[:, None] * own_forces[place]
-        )
-        return by_load, np.einsum("mei,mi->me", F[place], seen.functional)
+        acting = np.column_stack([W, weighs])
+        place = self._distinct[1][self.observations.row]
+        elastic, found = self._linear(self.unknowns.mechanism(theta)), dict[str, Array]()
+        for k, response in enumerate(self._responses(theta)):
+            rows = np.flatnonzero(place == k)
+            moved = response.basis @ response.motion @ acting[rows].T
+            for parts in elastic.parts(elastic.mechanism.at(self._distinct[0][k])):
+                forces = parts.stiffness @ parts.rows @ moved
+                for name, force in zip(parts.names, forces, strict=True):
+                    found.setdefault(name, np.zeros(len(place)))[rows] = force
+        return found
 
 
 def is_open_chain(elastic: ElasticMechanism) -> bool:
@@ -322,17 +359,6 @@ def is_open_chain(elastic: ElasticMechanism) -> bool:
     mechanism = elastic.mechanism
     others = any(not (p.is_external or p.members) for p in elastic.potentials)
     return not (mechanism.coordinates_are_pose or mechanism.closures or others)
-
-
-def derivatives(
-    by_functional: Array, by_load: Array, patterns: Array | Sequence[Array]
-) -> Array:
-    """``(F a)^T S (F W)`` (m, P) from forces (m, E) and patterns (P, E, E)."""
-    columns = []
-    for S in patterns:
-        i, j = np.nonzero(S)
-        columns.append((by_functional[:, i] * by_load[:, j]) @ S[i, j])
-    return np.stack(columns, axis=1) if columns else np.zeros((len(by_load), 0))
 
 
 # Largest changes of parameters, in natural sizes, over which an equilibrium is
@@ -371,7 +397,7 @@ class LoadedModel(Model):
     @cached_property
     def _inertial(self) -> tuple[Array, Array]:
         """Loads along F (N, 6), and the reference's forces along F (N, 3)."""
-        elastic = self.unknowns.elements.elastic
+        elastic = self.unknowns.elastic
         _, _, inertial = wrenches(self.measured, elastic, self.poses)
         weight0 = np.multiply.outer(self.measured.mass0, field_of(elastic))
         return inertial, weight0 / elastic.units.newtons
@@ -454,9 +480,10 @@ class LoadedModel(Model):
             raise ConvergenceError(
                 f"row {self.measured.rows[n]}: {error}", iterations=0, residual=np.nan
             ) from None
-        posture, elements = state.point.posture, Elements(elastic)
-        sought = [u.pattern for u in self.unknowns.parameters]
-        motion = motion_by_compliance(posture, state.balance, elements, sought)
+        posture, sought = state.point.posture, self.unknowns.parameters
+        patterns = [u.pattern for u in sought]
+        motion = motion_by_compliance(elastic, posture, state.balance, patterns)
+        motion = motion * self.unknowns.per_share(theta)
         self._last[key] = state.point.q, motion, theta.copy()
         return _State(posture.pose, posture.motion.jacobian @ motion)
 
@@ -482,12 +509,13 @@ def needs_equilibrium(elastic: ElasticMechanism) -> bool:
 
     In closed chains, and beside lines, they depend on the deflections of all springs.
     """
-    return bool(laws_of(elastic)) and not is_open_chain(elastic)
+    bent = elastic.springs is not None and bool(elastic.springs.laws)
+    return bent and not is_open_chain(elastic)
 
 
 def model_of(unknowns: Unknowns, measured: Measurements, loaded: bool = False) -> Model:
     """The model of equilibria if `loaded` or needed, else that of small loads."""
-    if loaded or needs_equilibrium(unknowns.elements.elastic):
+    if loaded or needs_equilibrium(unknowns.elastic):
         return LoadedModel(unknowns, measured)
     return Model(unknowns, measured)
 

@@ -294,7 +294,7 @@ class Plan(LabelledResult):
             ],
             "by_rows": [{"rows": n, "worst_relative_sd": worst} for n, worst in falls],
             "not_identifiable": self.lost,
-            "notes": [note.to_dict() for note in self.unknowns.elements.elastic.notes],
+            "notes": [note.to_dict() for note in self.unknowns.elastic.notes],
         }
         return plain_dict(data)
 
@@ -356,7 +356,7 @@ def _per_row(
     mechanism's length.
     """
     model = model_of(unknowns, measured)
-    seen, elastic = model.observations, unknowns.elements.elastic
+    seen, elastic = model.observations, unknowns.elastic
     y, A = model.at(unknowns.nominal)
     if np.isnan(seen.deviation).any():
         raise InputError(
@@ -418,7 +418,7 @@ def plan(
             expected="1 or more",
             got=count,
         )
-    P, elastic = len(unknowns.parameters), unknowns.elements.elastic
+    P, elastic = len(unknowns.parameters), unknowns.elastic
     geometry = model_of(unknowns, offered).offsets.geometry
     # The information of each row; rows that move far are left out.
     whole, moved = _per_row(unknowns, offered, geometry)

@@ -15,14 +15,8 @@ from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError, UnknownNameError
 from cartstiff.core.geometry import se3
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.mechanisms.elements import (
-    Elements,
-    law_of,
-    laws_of,
-    with_coefficients,
-)
-from cartstiff.core.mechanisms.identified import BEAM, CompliancePattern
-from cartstiff.core.potentials.springs import SpringLaw
+from cartstiff.core.mechanisms.identified import CompliancePattern, size_of_compliance
+from cartstiff.core.potentials.contract import BEAM, key_of_pair
 from cartstiff.wings.identify.measurements import (
     POSITION,
     TURN,
@@ -45,19 +39,26 @@ class Unknown:
     Attributes
     ----------
     pattern : CompliancePattern
-        Elements on which it acts.
+        Compliances of the mechanism on which it acts.
     unit : str
         Unit of its stiffness.
     nominal : float
         Start of the search: the mechanism's own.
-    is_scale : bool
-        Whether it is a factor on a beam's own compliance.
+    size : float
+        Natural size of its changes.
+    has_stiffness : bool
+        Whether its inverse is a stiffness, so that it is not negative. False for
+        off-diagonal entries of a matrix, and for a polynomial's higher coefficients.
+    law : (str, int), optional
+        Joint, and power of the deflection, of a polynomial spring.
     """
 
     pattern: CompliancePattern
     unit: str
     nominal: float
-    is_scale: bool = False
+    size: float
+    has_stiffness: bool = True
+    law: tuple[str, int] | None = None
 
     @property
     def name(self) -> str:
@@ -65,44 +66,29 @@ class Unknown:
         return self.pattern.name
 
     @property
-    def has_stiffness(self) -> bool:
-        """Whether its inverse is a stiffness, so that it is not negative.
-
-        False for off-diagonal entries of a matrix, and for a polynomial's higher
-        coefficients.
-        """
-        return self.pattern.is_diagonal
-
-    @property
-    def law(self) -> tuple[str, int] | None:
-        """Joint, and power of the deflection, of a polynomial spring."""
-        return self.pattern.law
+    def is_scale(self) -> bool:
+        """Whether it is a factor on a beam's own compliance."""
+        return self.pattern.is_share
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """All parameters, and the compliances that are known.
+    """All parameters.
 
     Attributes
     ----------
-    elements : Elements
-        Elements of the mechanism.
+    elastic : ElasticMechanism
+        The mechanism.
     parameters : tuple of Unknown
         In their order.
-    patterns : ndarray (P, E, E)
-        S of each.
-    known : ndarray (E, E)
-        Compliances that are not sought.
     geometry : tuple of str
         Further unknowns of measured positions: "JOINT.zero", "tool", "base".
     sessions : {"rigid", "translation", "none"}
         Unknown part of the pose of the measuring frame in each session.
     """
 
-    elements: Elements
+    elastic: ElasticMechanism
     parameters: tuple[Unknown, ...]
-    patterns: Array
-    known: Array
     geometry: tuple[str, ...] = ()
     sessions: str = "rigid"
 
@@ -124,15 +110,7 @@ class Unknowns:
     @property
     def sizes(self) -> Array:
         """Natural size of each parameter (P,), from the mechanism's own compliances."""
-        own = np.sqrt(np.diag(self.elements.compliance))
-        both = np.multiply.outer(own, own)
-
-        def size(unknown: Unknown, S: Array) -> float:
-            if unknown.law:
-                return abs(unknown.nominal)
-            return float((both[S != 0] / np.abs(S[S != 0])).max())
-
-        return np.array([*map(size, self.parameters, self.patterns)])
+        return np.array([u.size for u in self.parameters])
 
     @property
     def least(self) -> Array:
@@ -142,27 +120,21 @@ class Unknowns:
         share = numerics.NEGLIGIBLE_DIFFERENCE * np.abs(self.nominal)
         return np.where(self.is_bounded, share, -np.inf)
 
-    def compliance(self, theta: Array) -> Array:
-        """Gamma (E, E)."""
-        return self.known + np.tensordot(theta, self.patterns, axes=1)
-
     def mechanism(self, theta: Array) -> ElasticMechanism:
         """The mechanism with these compliances; those at zero become very small."""
         theta = np.maximum(theta, self.least)
-        elastic = self.elements.with_compliance(self.compliance(theta))
-        return with_coefficients(elastic, self._coefficients(theta))
+        pairs = zip(self.parameters, theta.tolist(), strict=True)
+        return self.elastic.with_compliances(
+            {key: weight * x for u, x in pairs for key, weight in u.pattern.keys}
+        )
 
-    def laws(self, theta: Array) -> dict[str, SpringLaw]:
-        """Nonlinear springs by joint, with the sought coefficients replaced by these."""
-        elastic = with_coefficients(self.elements.elastic, self._coefficients(theta))
-        return {elastic.names[j]: law for j, law in laws_of(elastic).items()}
+    def per_share(self, theta: Array) -> Array:
+        """Factors (P,) of derivatives by compliances of `mechanism`.
 
-    def _coefficients(self, theta: Array) -> dict[tuple[str, int], float]:
-        return {
-            u.law: x
-            for u, x in zip(self.parameters, theta.tolist(), strict=True)
-            if u.law
-        }
+        A beam's share is there that of what it has become.
+        """
+        share = np.where([u.is_scale for u in self.parameters], theta, 1.0)
+        return 1.0 / np.maximum(share, self.least)
 
 
 def unknowns_of(
@@ -194,18 +166,15 @@ def unknowns_of(
     InputError
         For one that is named twice or is not allowed.
     """
-    elements = Elements(elastic)
-    geometry, springs = _geometry(elastic, elements, sought)
-    names = _expanded(elastic, elements, springs or ("joints",))
-    parameters = [u for name in names for u in _made(elastic, elements, name)]
+    geometry, springs = _geometry(elastic, sought)
+    names = _expanded(elastic, springs or ("joints",))
+    parameters = [u for name in names for u in _made(elastic, name)]
     name, times = Counter(u.name for u in parameters).most_common(1)[0]
     if times > 1:
         raise InputError(f"{name!r} is sought twice", where="--unknown")
     for group in ties:
         parameters = _tied(parameters, group)
-    patterns = elements.patterns([u.pattern for u in parameters])
-    rest = np.where(patterns.any(axis=0), 0.0, elements.compliance)
-    return Unknowns(elements, tuple(parameters), patterns, rest, geometry)
+    return Unknowns(elastic, tuple(parameters), geometry)
 
 
 def zeros_of(elastic: ElasticMechanism) -> list[str]:
@@ -216,11 +185,11 @@ def zeros_of(elastic: ElasticMechanism) -> list[str]:
 
 
 def _geometry(
-    elastic: ElasticMechanism, elements: Elements, sought: Sequence[str]
+    elastic: ElasticMechanism, sought: Sequence[str]
 ) -> tuple[tuple[str, ...], list[str]]:
     """Sought geometry, each once, and the remaining words."""
     zeros = [f"{name}{ZERO}" for name in elastic.mechanism.joint_names]
-    own = {*elements.names, *_links(elastic), *_polynomials(elastic)}
+    own = {*elastic.compliances, *_links(elastic)}
     names: list[str] = []
     others = []
     for word in sought:
@@ -237,17 +206,16 @@ def _geometry(
     return tuple(names), others
 
 
-def _expanded(
-    elastic: ElasticMechanism, elements: Elements, sought: Sequence[str]
-) -> list[str]:
+def _expanded(elastic: ElasticMechanism, sought: Sequence[str]) -> list[str]:
     """Single springs and links, each once."""
     links = _links(elastic)
-    own = [
-        n for n in elements.names if not any(n in members for members in links.values())
-    ]
-    bent = _polynomials(elastic)
-    lines = [n for n in own if n.startswith("line") and n not in elastic.names]
-    joints = [n for n in own if n not in lines]
+    within = {n for members in links.values() for n in members}
+    own = [n for n in elastic.compliances if _part_of(n) not in within]
+    # Polynomials are sought by their own names only, and then all coefficients.
+    bent = [n for n in _polynomials(elastic) if n in own]
+    linear = [n for n in own if _part_of(n) not in bent and not n.endswith(BEAM)]
+    lines = [n for n in linear if n.startswith("line") and n not in elastic.names]
+    joints = [n for n in linear if n not in lines]
     names: list[str] = []
     for word in sought:
         more = {
@@ -256,15 +224,15 @@ def _expanded(
             "lines": lines,
             "all": [*joints, *links, *lines],
         }.get(word, [word])
-        link = word.partition(":")[0]
-        if more == [word] and word not in (*elements.names, *bent) and link not in links:
-            valid = (*_GROUPS, *GEOMETRY, *joints, *bent, *lines, *links, *elements.names)
+        singles = (*joints, *bent, *lines, *links, *within)
+        if more == [word] and word not in singles and word.partition(":")[0] not in links:
+            valid = (*_GROUPS, *GEOMETRY, *singles)
             raise UnknownNameError("spring", word, valid, where="--unknown")
         if not more:
             raise InputError(
                 f"the mechanism has no {word}",
                 where="--unknown",
-                expected=", ".join(elements.names),
+                expected=", ".join([*linear, *links]),
             )
         names += [name for name in more if name not in names]
     if not names:
@@ -272,54 +240,68 @@ def _expanded(
     return names
 
 
+def _part_of(key: str) -> str:
+    """The first deflection of a compliance: its joint, line, or axis of a link."""
+    return key.partition(" x^")[0].partition("*")[0]
+
+
 def _polynomials(elastic: ElasticMechanism) -> list[str]:
     """Joints with polynomial springs."""
-    return [elastic.names[j] for j, law in laws_of(elastic).items() if law.powers]
+    laws = {} if elastic.springs is None else elastic.springs.laws
+    return [elastic.names[j] for j, law in laws.items() if law.powers]
 
 
-def _made(elastic: ElasticMechanism, elements: Elements, word: str) -> list[Unknown]:
+def _made(elastic: ElasticMechanism, word: str) -> list[Unknown]:
     """Parameters of one word: a spring, a polynomial spring, or a link."""
+    own = elastic.compliances
     if word in _polynomials(elastic):
-        return _of_law(elastic, word)
-    if word not in elements.names:
-        return _of_link(elastic, elements, word)
-    _refuse_of_beam(elastic, word, "--unknown")
-    i = elements.index(word)
-    unit = elastic.units.spring(bool(elements.is_length[i]))
-    pattern = CompliancePattern(word, ((word, word, 1.0),))
-    return [Unknown(pattern, unit, float(elements.compliance[i, i]))]
-
-
-def _refuse_of_beam(elastic: ElasticMechanism, name: str, where: str) -> None:
-    """Refuse one axis of a beam: a beam's compliance is a multiple of its own."""
-    for potential in elastic.potentials:
-        if potential.is_scaled and name in _links(elastic).get(potential.link, ()):
+        if not 0.0 < own[word].value < np.inf:
             raise InputError(
-                f"{name!r}: one axis of a beam has no stiffness of its own",
-                where=where,
-                expected=f"--unknown {potential.link}, a factor on the whole beam",
+                "a polynomial spring that is sought needs a first coefficient",
+                where=f"--unknown {word}",
+                expected="above zero",
+                got=1.0 / own[word].value,
             )
+        keys = [key for key in own if _part_of(key) == word and own[key].value != 0.0]
+        return [_unknown(elastic, key) for key in keys]
+    links = _links(elastic)
+    if word in own:
+        return [_unknown(elastic, word)]
+    for link, members in links.items():
+        if word in members:
+            _refuse_of_beam(word, link, "--unknown")
+    return _of_link(elastic, word)
 
 
-def _of_law(elastic: ElasticMechanism, name: str) -> list[Unknown]:
-    """Parameters of a polynomial spring: its coefficients in the file."""
-    law = law_of(elastic, name)
-    if not law.powers[0] > 0.0:
-        raise InputError(
-            "a polynomial spring that is sought needs a first coefficient",
-            where=f"--unknown {name}",
-            expected="above zero",
-            got=law.powers[0],
-        )
-    j = elastic.names.index(name)
-    unit = elastic.units.spring(elastic.mechanism.coordinates[j].is_length)
-    first = CompliancePattern(name, (), (name, 1))
-    unknowns = [Unknown(first, unit, 1.0 / law.powers[0])]
-    for power, c in enumerate(law.powers[1:], start=2):
-        if c != 0.0:
-            pattern = CompliancePattern(f"{name} x^{power}", (), (name, power))
-            unknowns.append(Unknown(pattern, f"{unit}^{power}", c))
-    return unknowns
+def _unknown(elastic: ElasticMechanism, key: str) -> Unknown:
+    """The parameter of one compliance."""
+    number, units = elastic.compliances[key], elastic.units
+    joint, _, power = key.partition(" x^")
+    # A compliance of a distance has the unit of length over force.
+    unit = units.spring(number.length > 0.0) if number.length else units.force
+    if power:
+        j = elastic.names.index(joint)
+        unit = units.spring(elastic.mechanism.coordinates[j].is_length) + f"^{power}"
+    law = (joint, int(power or 1)) if joint in _polynomials(elastic) else None
+    if key.endswith(BEAM):
+        unit = "of the file's"
+    return Unknown(
+        CompliancePattern(key, ((key, 1.0),)),
+        unit,
+        number.value,
+        size_of_compliance(key, elastic.compliances),
+        number.is_positive,
+        law,
+    )
+
+
+def _refuse_of_beam(name: str, link: str, where: str) -> None:
+    """Refuse one axis of a beam: a beam's compliance is a multiple of its own."""
+    raise InputError(
+        f"{name!r}: one axis of a beam has no stiffness of its own",
+        where=where,
+        expected=f"--unknown {link}, a factor on the whole beam",
+    )
 
 
 def _links(elastic: ElasticMechanism) -> dict[str, list[str]]:
@@ -332,27 +314,16 @@ def _links(elastic: ElasticMechanism) -> dict[str, list[str]]:
     return links
 
 
-def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[Unknown]:
+def _of_link(elastic: ElasticMechanism, word: str) -> list[Unknown]:
     """Parameters of a link: entries of its 6x6 compliance,
     or a factor on a beam's own.
     """
     name, _, form = word.partition(":")
     members = _links(elastic)[name]
-    at = [elements.index(m) for m in members]
-    C = elements.compliance[np.ix_(at, at)]
-    # A beam has one unknown, its share.
-    for potential in elastic.potentials:
-        if potential.is_scaled and potential.link == name:
-            if form:
-                _refuse_of_beam(elastic, members[0], f"--unknown {word}")
-            entries = tuple(
-                (members[i], members[j], float(C[i, j]))
-                for i in range(len(at))
-                for j in range(i, len(at))
-                if C[i, j] != 0.0
-            )
-            pattern = CompliancePattern(name + BEAM, entries)
-            return [Unknown(pattern, "of the file's", 1.0, is_scale=True)]
+    if (key := name + BEAM) in elastic.compliances:
+        if form:
+            _refuse_of_beam(members[0], name, f"--unknown {word}")
+        return [_unknown(elastic, key)]
     # A spring has one for each chosen axis, or each pair of them.
     axes = [member.rpartition(".")[2] for member in members]
     if form not in ("", "diagonal"):
@@ -365,18 +336,11 @@ def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[U
             raise UnknownNameError(
                 "axis of a link", part, ["diagonal", *axes], where=where
             )
-    places = [i for i, axis in enumerate(axes) if axis in chosen]
-    unknowns = []
-    for i, j in combinations_with_replacement(places, 2):
-        if i != j and form:
-            continue
-        slides = bool(elements.is_length[at[i]])
-        alike = slides == bool(elements.is_length[at[j]])
-        unit = elastic.units.spring(slides) if alike else elastic.units.force
-        own = members[i] if i == j else f"{members[i]}*{axes[j]}"
-        pattern = CompliancePattern(own, ((members[i], members[j], 1.0),))
-        unknowns.append(Unknown(pattern, unit, float(C[i, j])))
-    return unknowns
+    places = [
+        member for member, axis in zip(members, axes, strict=True) if axis in chosen
+    ]
+    pairs = combinations_with_replacement(places, 2)
+    return [_unknown(elastic, key_of_pair(a, b)) for a, b in pairs if a == b or not form]
 
 
 def _tied(parameters: Sequence[Unknown], group: Sequence[str]) -> list[Unknown]:
@@ -401,11 +365,12 @@ def _tied(parameters: Sequence[Unknown], group: Sequence[str]) -> list[Unknown]:
         raise InputError(
             "a tie joins an angle and a distance", where="--tie", got="=".join(group)
         )
-    entries = tuple(entry for u in members for entry in u.pattern.entries)
+    keys = tuple(key for u in members for key in u.pattern.keys)
     one = replace(
         members[0],
-        pattern=CompliancePattern(" = ".join(group), entries),
+        pattern=CompliancePattern(" = ".join(group), keys),
         nominal=float(np.mean([u.nominal for u in members])),
+        size=max(u.size for u in members),
     )
     return [one if u is members[0] else u for u in parameters if u not in members[1:]]
 
@@ -498,7 +463,7 @@ def _of_geometry(
     unknowns: Unknowns, seen: Observations, measured: Measurements
 ) -> dict[str, Array]:
     """Columns of zeros, tool and base."""
-    absolute, elastic = seen.is_absolute, unknowns.elements.elastic
+    absolute, elastic = seen.is_absolute, unknowns.elastic
     if unknowns.geometry and not absolute.any():
         raise InputError(
             f"differences do not show {', '.join(unknowns.geometry)}",
@@ -606,7 +571,7 @@ def sessions_turned_back(
     deviations (m,).
     """
     T_F_B, sessions = (
-        unknowns.elements.elastic.mechanism.base_pose,
+        unknowns.elastic.mechanism.base_pose,
         np.array(measured.session),
     )
     turns = {
@@ -667,7 +632,7 @@ def in_base(unknowns: Unknowns, measured: Measurements, poses: Array) -> Measure
     InputError
         For a session of fewer than three places.
     """
-    elastic, sessions = unknowns.elements.elastic, np.array(measured.session)
+    elastic, sessions = unknowns.elastic, np.array(measured.session)
     by_session = measured.session and unknowns.sessions == "rigid"
     if not all(n in measured.values for n in POSITION) or not (
         by_session or "base" in unknowns.geometry

@@ -15,7 +15,6 @@ from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError, one_line
 from cartstiff.core.geometry import se3
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.mechanisms.elements import Elements, laws_of
 from cartstiff.core.units import SI, convert_length
 from cartstiff.files.bare import place_of, pose_of
 from cartstiff.files.catalogue import bundled
@@ -62,10 +61,16 @@ def mechanism_file(result: Identification, data: dict[str, Any], source: str) ->
         identified.patterns, identified.values.tolist(), strict=True
     ):
         entry: dict[str, Any] = {"name": pattern.name, "value": value}
-        if pattern.law is not None:
-            entry["polynomial"] = list(pattern.law)
-        elif pattern.entries != ((pattern.name, pattern.name, 1.0),):
-            entry["elements"] = [list(e) for e in pattern.entries]
+        ((key, _), *_) = pattern.keys
+        joint, _, power = key.partition(" x^")
+        if joint in _bent(elastic):
+            entry["polynomial"] = [joint, int(power or 1)]
+        elif not pattern.is_share and (len(pattern.keys) > 1 or "*" in key):
+            entry["elements"] = [
+                [one, f"{one.rpartition('.')[0]}.{axis}" if axis else one, weight]
+                for key, weight in pattern.keys
+                for one, _, axis in [key.partition("*")]
+            ]
         entries.append(entry)
     about = {
         "compliances": entries,
@@ -125,7 +130,7 @@ def keys_to_write(
         If the mechanism does not come from a file that could be written again, or its
         kind of file has no key for what will be found.
     """
-    elastic = unknowns.elements.elastic
+    elastic = unknowns.elastic
     if unknowns.geometry and elastic.mechanism.kind != "serial":
         raise InputError(
             f"{', '.join(unknowns.geometry)} found has no place in a file of kind "
@@ -202,10 +207,8 @@ def _put_springs(data: dict[str, Any], elastic: ElasticMechanism) -> None:
     else:
         _put_joints(data, elastic, "")
         _put_links(data, elastic, "")
-    names = Elements(elastic)
     for i, line in enumerate(data.get("lines", ())):
-        at = names.index(f"line{i + 1}")
-        line["stiffness"] = float(names.stiffness[at, at])
+        line["stiffness"] = 1.0 / elastic.compliances[f"line{i + 1}"].value
 
 
 def _legs(data: dict[str, Any]) -> list[dict[str, Any]]:
@@ -224,12 +227,11 @@ def _put_equal_legs(legs: Any, elastic: ElasticMechanism) -> None:
         For springs that such an entry cannot hold: of other joints, unless all legs have
         the same, of links, and of several entries.
     """
-    elements, found = Elements(elastic), dict[str, list[float]]()
+    found = dict[str, list[float]]()
     for name in elastic.names:
-        if name in elements.names:
-            at = elements.index(name)
-            joint = name.partition("/")[2]
-            found.setdefault(joint, []).append(float(elements.stiffness[at, at]))
+        if name in elastic.compliances:
+            k = 1.0 / elastic.compliances[name].value
+            found.setdefault(name.partition("/")[2], []).append(k)
     entry: dict[str, Any] = {"flexible": True} if isinstance(legs, list) else legs
     driven = [joint for joint in found if joint not in entry.get("springs", {})]
     uneven = [
@@ -296,34 +298,41 @@ def _moved(T: Array, point: Any) -> list[float]:
 
 
 def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) -> None:
-    elements = Elements(elastic)
     if isinstance(
         holder.get("springs"), str
     ):  # of a published set: written joint by joint
         holder["springs"] = {}
     springs = holder.setdefault("springs", {})
-    for j, law in laws_of(elastic).items():
-        entry = springs.get(elastic.names[j].removeprefix(prefix))
-        if law.powers and isinstance(entry, dict):
-            entry["polynomial"] = list(law.powers)
+    bent = _bent(elastic)
+    for name, powers in bent.items():
+        entry = springs.get(name.removeprefix(prefix))
+        if isinstance(entry, dict):
+            entry["polynomial"] = list(powers)
     for j, name in enumerate(elastic.names):
         short = name.removeprefix(prefix)
         if (
             not name.startswith(prefix)
             or j in elastic.mechanism.virtual
-            or name not in elements.names
+            or name not in elastic.compliances
+            or name in bent
         ):
             continue
-        at = elements.index(name)
-        if _put_contact(holder, short, float(elements.stiffness[at, at])):
+        k = 1.0 / elastic.compliances[name].value
+        if _put_contact(holder, short, k):
             continue
         entry = springs.get(short)
         if isinstance(entry, dict) and not {"polynomial", "table"} & set(entry):
-            entry["stiffness"] = float(elements.stiffness[at, at])
+            entry["stiffness"] = k
         elif entry is None:
-            springs[short] = {"stiffness": float(elements.stiffness[at, at])}
+            springs[short] = {"stiffness": k}
     if not springs:
         del holder["springs"]
+
+
+def _bent(elastic: ElasticMechanism) -> dict[str, tuple[float, ...]]:
+    """Coefficients of the polynomial springs by joint."""
+    laws = {} if elastic.springs is None else elastic.springs.laws
+    return {elastic.names[j]: law.powers for j, law in laws.items() if law.powers}
 
 
 def _put_contact(holder: dict[str, Any], joint: str, stiffness: float) -> bool:
