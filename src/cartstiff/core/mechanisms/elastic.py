@@ -496,7 +496,7 @@ class ElasticMechanism(ShownInLines):
         """The compliances that measurements find, by name; see
         `cartstiff.core.potentials.contract.Potential.compliances`.
         """
-        each = [term.compliances(*names) for term, *names in self._deflecting]
+        each = (t.compliances(names, slides) for t, names, slides in self._deflecting)
         return {name: number for found in each for name, number in found.items()}
 
     def with_compliances(self, values: Mapping[str, float]) -> ElasticMechanism:
