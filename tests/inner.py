@@ -133,7 +133,7 @@ HOMES = {
         tables
     """,
     "shown.cli.declare": "Command Overrides",
-    "shown.cli.main": "_COMMANDS command main",
+    "shown.cli.main": "_COMMANDS command",
     "shown.cli.options": "Pairs Point Setup Values declared options_Number=Number",
     "shown.cli.tables": "read_path_file",
     "shown.cli.view": "Shown",

@@ -7,8 +7,8 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from tests.inner import Source, export_page
 from tests.support.generated import Arm, close
+from tests.support.pages import page_text, source_of
 
 
 # Those of six joints or more: the file of another holds one posture.
@@ -16,9 +16,9 @@ from tests.support.generated import Arm, close
 def test_a_posture_that_the_file_never_saw(seed, tmp_path, pages):
     """A slider is moved in the file, without a server: pose, wrench and compliance follow."""
     one = Arm.generated(seed)
-    source = Source(cartstiff.load(one.written(tmp_path)), load=one.W, load_axes="world")
+    source = source_of(cartstiff.load(one.written(tmp_path)), load=one.W, load_axes="world")
     path = tmp_path / "arm.html"
-    path.write_text(export_page(source), encoding="utf-8")
+    path.write_text(page_text(source), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)
     page.focus("#slider-0")
     page.keyboard.press("ArrowRight")

@@ -13,7 +13,7 @@ from tools.screenshot import settled
 import cartstiff
 from cartstiff.geometry import se3
 from tests.browser.conftest import unfold
-from tests.inner import Playback, Source, export_page
+from tests.support.pages import page_text, playback_of, source_of
 
 LOAD = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -300.0])
 #: Where the loops do not close, along the first coordinate.
@@ -38,7 +38,7 @@ def curves_drawn(page: Any) -> None:
 def test_a_file_of_one_posture_says_what_it_cannot_and_what_works(tmp_path, pages):
     chain = cartstiff.load("cable-robot")
     path = tmp_path / "cable-robot.html"
-    path.write_text(export_page(Source(chain)), encoding="utf-8")
+    path.write_text(page_text(source_of(chain)), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)
     assert page.title() == "cable-robot · cartstiff"
     said = page.inner_text("#left .exported")
@@ -84,7 +84,7 @@ def test_a_file_of_a_closed_chain_moves_its_drives(name, tmp_path, pages):
     """A slider, a load and the picture of the assembled posture, without a server."""
     chain = cartstiff.load(name)
     path = tmp_path / "chain.html"
-    path.write_text(export_page(Source(chain)), encoding="utf-8")
+    path.write_text(page_text(source_of(chain)), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)
     assert "answered here, without a server" in page.inner_text("#left")
     drive = chain.mechanism.actuated[0]
@@ -112,7 +112,7 @@ def test_a_load_that_bends_links_leaves_the_drives_of_a_file_where_they_are(tmp_
     """The next state begins with straight links, as on the live page."""
     chain, wrench = cartstiff.load("3-rrr"), [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
     path = tmp_path / "chain.html"
-    path.write_text(export_page(Source(chain, load=wrench)), encoding="utf-8")
+    path.write_text(page_text(source_of(chain, load=wrench)), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)
     drives = list(chain.mechanism.actuated)
     q = np.array(page.evaluate("() => window.cartstiff.numbers.q"))
@@ -132,7 +132,7 @@ def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
     """Any slider, load, springs, point and drag of the tool, without a server."""
     arm = cartstiff.load("ur5")
     path = tmp_path / "ur5.html"
-    path.write_text(export_page(Source(arm)), encoding="utf-8")
+    path.write_text(page_text(source_of(arm)), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)
     assert "answered here, without a server" in page.inner_text("#left")
     wishes = {
@@ -196,7 +196,7 @@ def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
 
 def test_parts_can_be_hidden(tmp_path, pages):
     path = tmp_path / "cubic.html"
-    path.write_text(export_page(Source(cartstiff.load("cubic"), load=LOAD)), encoding="utf-8")
+    path.write_text(page_text(source_of(cartstiff.load("cubic"), load=LOAD)), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)
     visible = """() => {
         const tree = window.cartstiff.pane.viewer.scene_tree;
@@ -219,9 +219,9 @@ def test_parts_can_be_hidden(tmp_path, pages):
 def test_a_trajectory_has_a_time_slider(tmp_path, pages):
     arm = cartstiff.load("ur5")
     q = np.array([arm.q + m for m in (0, 0.1, 0.2)])
-    source = Source(arm, trajectory=Playback(q, np.array([0.0, 0.4, 1.0]), True))
+    source = source_of(arm, trajectory=playback_of(q, np.array([0.0, 0.4, 1.0]), True))
     path = tmp_path / "path.html"
-    path.write_text(export_page(source), encoding="utf-8")
+    path.write_text(page_text(source), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)
     page.wait_for_selector("#strip .plot .curve-0")
     page.focus("#time")

@@ -14,7 +14,7 @@ from tools.screenshot import ready, settled
 
 import cartstiff
 from tests.browser.conftest import VIEWPORT, heard, setup, short, unfold
-from tests.inner import Background, Source
+from tests.support.pages import served, source_of
 from tests.support.read_units import si
 
 #: Cells show three digits at least.
@@ -567,7 +567,7 @@ def test_the_analysis_in_words(ur5):
 
 def test_curves_that_a_server_no_longer_computes_do_not_cover_the_banner(pages):
     """The server goes while curves are asked for; they were asked for again and again."""
-    server = Background(short(Source(cartstiff.load("cubic"))))
+    server = served(short(source_of(cartstiff.load("cubic"))))
     page = pages.open(server.url)
     page.wait_for_selector("#strip .plot:not(.computing) .curve-0")  # those of the start
     page.evaluate(
@@ -607,8 +607,8 @@ def test_curves_that_a_server_no_longer_computes_do_not_cover_the_banner(pages):
 
 
 def test_the_page_comes_back_when_the_server_does(pages):
-    source = short(Source(cartstiff.load("cubic")))
-    server = Background(source)
+    source = short(source_of(cartstiff.load("cubic")))
+    server = served(source)
     port, token = server.server.port, urlsplit(server.url).path.strip("/")
     page = pages.open(server.url)
     page.focus("#slider-2")
@@ -618,10 +618,10 @@ def test_the_page_comes_back_when_the_server_does(pages):
     page.watch.without_server()
     server.close()
     page.wait_for_selector("#banner:has-text('does not answer')")
-    server = Background(source, port=port)
+    server = served(source, port=port)
     page.wait_for_selector("#banner:has-text('started anew')")
     server.close()
-    server = Background(source, port=port, token=token)
+    server = served(source, port=port, token=token)
     page.wait_for_selector("#banner", state="hidden")
     settled(page)
     assert page.evaluate("() => window.cartstiff.numbers.result.q") == q
@@ -633,7 +633,7 @@ def test_a_tab_too_many_says_so_and_does_not_try_again(pages, monkeypatch):
     from tests.inner import server as tab
 
     monkeypatch.setattr(tab, "MOST_TABS", 1)
-    server = Background(short(Source(cartstiff.load("cubic"))))
+    server = served(short(source_of(cartstiff.load("cubic"))))
     first, second = pages.open(server.url), pages.blank()
     second.goto(server.url)
     second.wait_for_selector("#banner:has-text('too many tabs')")

@@ -10,7 +10,7 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from tests.inner import Source, export_page
+from tests.support.pages import page_text, source_of
 
 # Answers wait in `window.held` until they are let go; nothing is computed between them.
 HOLD = """() => {
@@ -54,7 +54,7 @@ def opened(request, serve, pages, tmp_path_factory):
             return pages.shared(serve(name).url)
         file = tmp_path_factory.getbasetemp() / f"{name}.html"
         if not file.exists():
-            file.write_text(export_page(Source(cartstiff.load(name))), encoding="utf-8")
+            file.write_text(page_text(source_of(cartstiff.load(name))), encoding="utf-8")
         return pages.shared(file.as_uri())
 
     return open_page

@@ -9,7 +9,7 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from tests.inner import Background, Source
+from tests.support.pages import served, source_of
 from tests.support.read_units import si
 
 LOAD = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
@@ -19,7 +19,7 @@ LOAD = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
 def two():
     arm = cartstiff.load("ur5")
     soft = replace(arm.with_springs((0.5 * arm.springs.stiffness).tolist()), name="softer")
-    server = Background(Source(arm), beside=[Source(soft)])
+    server = served(source_of(arm), beside=[source_of(soft)])
     yield arm, soft, server.url
     server.close()
 

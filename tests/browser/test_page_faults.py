@@ -8,7 +8,7 @@ from tools.screenshot import settled
 
 import cartstiff
 from tests.browser.test_page_state import TOOL, changed
-from tests.inner import Cloud, Source, export_page, read_cloud
+from tests.support.pages import cloud_of, clouds_in, page_text, source_of
 
 
 def test_zero_is_zero_where_limits_allow_it(serve, pages):
@@ -23,7 +23,7 @@ def test_zero_is_zero_where_limits_allow_it(serve, pages):
 def test_a_logarithmic_colour_bar_says_so(serve, pages):
     places = np.array([[0.1 * k, 0.2, 0.3] for k in range(5)])
     values = {"wide": 10.0 ** np.arange(5), "narrow": np.arange(1.0, 6.0)}
-    cloud = Cloud(places, values, {"wide": "N/m", "narrow": "N/m"}, 1)
+    cloud = cloud_of(places, values, {"wide": "N/m", "narrow": "N/m"}, 1)
     page = pages.open(serve("ur5", cloud=cloud).url)
     bar = page.locator("#colour-bar")
     assert bar.inner_text().split("\n")[0] == "wide, N/m, logarithmic"
@@ -36,7 +36,7 @@ def test_a_boundary_is_drawn_in_colours_of_named_limits(serve, pages, tmp_path):
     rows = [f'{0.1 * k},0.2,0.9,"leg{1 + k % 2}, most"' for k in range(6)]
     table = "\n".join(["x [m],y [m],z [m],limit", *rows, "0,0,1,singularity"])
     (tmp_path / "boundary.csv").write_text(table, encoding="utf-8")
-    cloud = read_cloud(tmp_path / "boundary.csv", cartstiff.load("hexapod"))
+    cloud = clouds_in(tmp_path / "boundary.csv", cartstiff.load("hexapod"))
     page = pages.open(serve("hexapod", cloud=cloud).url)
     lines = page.locator("#colour-bar").inner_text().split("\n")
     assert [line.strip("● ") for line in lines] == [
@@ -139,7 +139,7 @@ _FLAT = """() => {
 
 
 def test_a_browser_that_does_not_draw_in_three_dimensions_is_told(serve, chromium, tmp_path):
-    (tmp_path / "page.html").write_text(export_page(Source(cartstiff.load("ur5"))))
+    (tmp_path / "page.html").write_text(page_text(source_of(cartstiff.load("ur5"))))
     page = chromium.new_page()
     page.add_init_script(f"({_FLAT})()")
     for address in (serve("ur5").url, (tmp_path / "page.html").as_uri()):

@@ -8,7 +8,8 @@ from tools.screenshot import ready, settled
 
 import cartstiff
 from tests.browser.test_page_state import TOOL, changed
-from tests.inner import COLOURS, ViewState, moved_part
+from tests.inner import COLOURS
+from tests.support.pages import motion_shown, state_of
 
 
 @pytest.mark.parametrize(
@@ -90,7 +91,7 @@ def test_the_way_under_the_load_is_shown_enlarged_by_a_stated_factor(serve, chro
     times = float(page.inner_text(".enlarged .num").split("drawn ")[1].split(" ")[0])
     found = page.evaluate(PLACES)
     result = cartstiff.analyse(cartstiff.load(name), wrench=load, load_axes="world")
-    way = np.array(moved_part(result, ViewState())["in_room"])
+    way = np.array(motion_shown(result, state_of())["in_room"])
     assert found["shown"]
     shown = np.subtract(found["M"], found["rest"])
     assert np.linalg.norm(shown - times * way) < 0.1 * np.linalg.norm(times * way)
@@ -135,7 +136,7 @@ def test_bars_light_their_parts_and_parts_their_bars(serve, pages):
     result = cartstiff.analyse(
         cartstiff.load("ur5"), wrench=[0, 0, 0, 0, 0, -100], load_axes="world"
     )
-    shares = moved_part(result, ViewState())["shares"]["parts"]
+    shares = motion_shown(result, state_of())["shares"]["parts"]
     assert names == [part["name"] for part in shares if part["share"] >= 0.005]
     widths = page.eval_on_selector_all(
         ".moved-bar i", "(all) => all.map((i) => parseFloat(i.style.width))"

@@ -12,7 +12,7 @@ from tools.screenshot import settled
 
 import cartstiff
 from cartstiff.geometry import from_bilinear_map, se3
-from tests.inner import Session, Source, export_page, read_message
+from tests.support.pages import message_of, page_text, playback_of, served, source_of, tab_of
 from tests.support.read_units import si
 
 DOWN = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
@@ -116,13 +116,13 @@ def test_the_difference_grows_with_the_load_from_zero(hand):
 
 def test_an_own_connection_is_beside_the_others_in_a_file_too(pages, tmp_path):
     arm = cartstiff.load("ur5")
-    source = Source(arm, load=np.array(DOWN), load_axes="world", connections=(MINE,))
+    source = source_of(arm, load=np.array(DOWN), load_axes="world", connections=(MINE,))
     file = tmp_path / "arm.html"
-    file.write_text(export_page(source), encoding="utf-8")
+    file.write_text(page_text(source), encoding="utf-8")
     page = pages.open(file.as_uri(), offline=True)
     hand = Hand(page)
     q = [*arm.q[:2], arm.q[2] + 0.2, *arm.q[3:]]
-    point, session = (0.1, -0.2, 0.3), Session(source)
+    point, session = (0.1, -0.2, 0.3), tab_of(source)
     for quantity in ("stiffness", "compliance"):
         page.evaluate(
             "(state) => window.cartstiff.change(state)",
@@ -146,7 +146,7 @@ def test_an_own_connection_is_beside_the_others_in_a_file_too(pages, tmp_path):
     to = [None, *(2.0 * arm.springs.stiffness[1:]).tolist()]
     own = page.evaluate("(to) => window.cartstiff.ask({ do: 'stiffer', to })", to)
     asked = {"id": 1, "do": "stiffer", "state": state.model_dump(), "to": to}
-    live = session.answer(read_message(json.dumps(asked))).data
+    live = session.answer(message_of(json.dumps(asked))).data
     assert own["here"] == pytest.approx(live["here"], rel=1e-9)
     assert own["sizes"][0] is None
     assert own["sizes"][1:] == pytest.approx(live["sizes"][1:], rel=1e-9)
@@ -158,10 +158,10 @@ def test_an_own_connection_is_beside_the_others_in_a_file_too(pages, tmp_path):
 def test_connections_that_cannot_be_shown_are_refused():
     arm = cartstiff.load("ur5")
     with pytest.raises(cartstiff.InputError, match=r"two connections have this name.*quarter"):
-        Source(arm, connections=(MINE, MINE))
+        source_of(arm, connections=(MINE, MINE))
     flat = cartstiff.analyse(arm).flat_connection()
     with pytest.raises(cartstiff.InputError, match=r"two connections have this name.*F"):
-        Source(arm, connections=(flat,))
+        source_of(arm, connections=(flat,))
     own = cartstiff.geometry.from_symbols(flat.symbols, "chart", left_invariant=False)
     with pytest.raises(cartstiff.InputError, match="known at one posture only"):
         cartstiff.show(arm, connections=[own])
@@ -274,12 +274,11 @@ def test_sliders_arrows_and_functions_of_a_script(pages):
 
 
 def test_the_worst_over_a_trajectory_in_no_action_and_what_is_allowed(pages):
-    from tests.inner import Background, Playback
 
     arm, t = cartstiff.load("ur5"), np.linspace(0, 1, 13)
     way = np.outer(np.sin(2.2 * t), [0.5, 0.4, -0.6, 0, 0.3, 0])
-    playback = Playback(arm.q + way, 4 * t, timed=True)
-    server = Background(Source(arm, load=np.array(DOWN), load_axes="world", trajectory=playback))
+    playback = playback_of(arm.q + way, 4 * t, timed=True)
+    server = served(source_of(arm, load=np.array(DOWN), load_axes="world", trajectory=playback))
     try:
         page = pages.open(server.url)
         page.wait_for_selector("#strip .worst:not([hidden])")
@@ -337,7 +336,6 @@ TRACE = """() => {
 
 
 def test_a_trajectory_is_a_trace_in_colours_where_bright_is_good(pages):
-    from tests.inner import Background, Playback
 
     arm, t = cartstiff.load("ur5"), np.linspace(0, 1, 13)
     q = arm.q + np.outer(np.sin(2.2 * t), [0.5, 0.4, -0.6, 0, 0.3, 0])
@@ -346,8 +344,8 @@ def test_a_trajectory_is_a_trace_in_colours_where_bright_is_good(pages):
         [1e3 * np.linalg.norm(np.linalg.solve(r.tangent, r.wrench)[3:]) for r in found]
     )
     worst = int(np.argmax(sizes))
-    playback = Playback(q, 4 * t, timed=True)
-    server = Background(Source(arm, load=np.array(DOWN), load_axes="world", trajectory=playback))
+    playback = playback_of(q, 4 * t, timed=True)
+    server = served(source_of(arm, load=np.array(DOWN), load_axes="world", trajectory=playback))
     try:
         page = pages.open(server.url)
         page.wait_for_function("() => window.cartstiff.trace")
@@ -467,9 +465,8 @@ def test_two_postures_at_one_scale_in_two_actions(hand):
 
 
 def test_the_state_as_a_file_after_the_server_has_ended_in_one_action(pages, tmp_path):
-    from tests.inner import Background
 
-    server = Background(Source(cartstiff.load("ur5")))
+    server = served(source_of(cartstiff.load("ur5")))
     page = pages.open(server.url)
     page.watch.without_server()
     page.evaluate("() => { window.cartstiff.source.rest = 100; }")

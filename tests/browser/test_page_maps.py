@@ -9,7 +9,7 @@ from tools.screenshot import settled
 import cartstiff
 from cartstiff.maps import Axis, Grid, compute_map, open_map
 from tests.browser.conftest import heard
-from tests.inner import Cloud, Source, cloud_of_workspace, export_page, read_cloud
+from tests.support.pages import cloud_of, clouds_in, page_text, points_of_workspace, source_of
 
 # Places on the screen, from -1 to 1, of the points of a map.
 POINTS = """() => {
@@ -29,7 +29,7 @@ def test_a_whole_workspace_is_in_the_picture(serve, pages, tmp_path):
     """On a live page and in a file, at first and from every side."""
     elastic = cartstiff.load("hexapod")
     reached = cartstiff.workspace(elastic, directions=60, scan=12, fits=False)
-    cloud = cloud_of_workspace(reached)
+    cloud = points_of_workspace(reached)
     assert len(cloud.positions) == len(reached.boundary) + len(reached.singular.surface)
     file = tmp_path / "hexapod.html"
     file.write_text(cartstiff.show(elastic, workspace=reached, static=True).html, encoding="utf-8")
@@ -47,9 +47,9 @@ def test_a_point_of_a_map_becomes_the_posture(serve, pages, tmp_path):
     axes = {"shoulder_pan_joint": Axis(-0.9, 1.2, 4), "elbow_joint": Axis(0.7, 1.9, 4)}
     compute_map(arm, Grid(axes, arm.names, arm.q), ["translation_condition"], tmp_path / "m.zarr")
     data = open_map(tmp_path / "m.zarr")
-    cloud = read_cloud(tmp_path / "m.zarr", arm)
+    cloud = clouds_in(tmp_path / "m.zarr", arm)
     file = tmp_path / "ur5.html"
-    file.write_text(export_page(Source(arm, cloud=cloud)), encoding="utf-8")
+    file.write_text(page_text(source_of(arm, cloud=cloud)), encoding="utf-8")
     (values,) = cloud.values.values()
     assert np.array_equal(cloud.q, data["q"].values.reshape(-1, 6))
     for url in (serve("ur5", cloud=cloud).url, file.as_uri()):
@@ -89,14 +89,14 @@ def test_points_that_are_no_postures_say_so(serve, pages, tmp_path):
     chain = cartstiff.load("five-bar")
     there = chain.mechanism.closed(chain.q)
     away = there.pose[:3, 3] + np.outer([0.0, 0.3], [1.0, 0.0, 0.0])
-    cloud = Cloud(away, {"force": np.array([1.5, 2.5])}, {"force": "N"})
+    cloud = cloud_of(away, {"force": np.array([1.5, 2.5])}, {"force": "N"})
     cables = cartstiff.load("cable-robot")  # which the browser does not compute
     middle, corner = cartstiff.analyse(cables).pose[:3, 3], cables.mechanism.anchors.min(axis=0)
     near = middle + np.outer([0.0, 0.7], (corner - middle) * [1.0, 0.8, 0.0])
-    own = Cloud(near, cloud.values, cloud.units, q=np.array([cables.q] * 2))
+    own = cloud_of(near, cloud.values, cloud.units, q=np.array([cables.q] * 2))
     file = tmp_path / "cables.html"
-    file.write_text(export_page(Source(cables, cloud=own)), encoding="utf-8")
-    boundary = Cloud(away, {"limit": np.array(["singular", "motor, most"])}, {"limit": ""})
+    file.write_text(page_text(source_of(cables, cloud=own)), encoding="utf-8")
+    boundary = cloud_of(away, {"limit": np.array(["singular", "motor, most"])}, {"limit": ""})
     for url, words, tip in (
         (file.as_uri(), "`cartstiff view` goes", "force: 2.5 N"),
         (serve("five-bar", cloud=cloud).url, "holds no postures", "force: 2.5 N"),

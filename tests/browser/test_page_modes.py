@@ -7,7 +7,7 @@ from tools.screenshot import ready, settled
 
 import cartstiff
 from tests.browser.test_page import moved, transforms
-from tests.inner import Source, export_page
+from tests.support.pages import page_text, source_of
 
 
 @pytest.fixture
@@ -105,7 +105,7 @@ def test_nothing_runs_where_motion_is_reduced(serve, chromium):
 def test_an_exported_page_holds_the_table(pages, tmp_path):
     elastic = cartstiff.load("grasp")  # which the browser does not compute
     file = tmp_path / "grasp.html"
-    file.write_text(export_page(Source(elastic)))
+    file.write_text(page_text(source_of(elastic)))
     page = pages.open(file.as_uri(), offline=True)
     page.locator(".modes-card summary").click()
     page.wait_for_selector(".modes-card[open] .mode")

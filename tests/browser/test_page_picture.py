@@ -11,7 +11,7 @@ from tools.screenshot import settled
 
 import cartstiff
 from cartstiff import __version__
-from tests.inner import Source, export_page
+from tests.support.pages import page_text, source_of
 
 # Dots between the images of two points, both `length` from M to either side of the line of sight.
 ACROSS = """(length) => {
@@ -104,7 +104,7 @@ def test_a_file_says_the_same_as_the_server(serve, pages, tmp_path):
     """Legend and scale, at a posture where the stiffest axis is cut."""
     elastic = cartstiff.load("ur5")
     path = tmp_path / "page.html"
-    path.write_text(export_page(Source(elastic)), "utf-8")
+    path.write_text(page_text(source_of(elastic)), "utf-8")
     change = """() => window.cartstiff.change({ q: [0.3, -1.1, 0.05, -0.7, 0.9, 0.2],
         others: "held", drawn: "stiffness", load_axes: "body", load: [0, 3, 0, 0, 0, -100] })"""
     legend = "() => window.cartstiff.legend"

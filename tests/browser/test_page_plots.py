@@ -9,7 +9,8 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from tests.inner import Source, ViewState, export_page, series_row, swept_range
+from tests.inner import swept_range
+from tests.support.pages import page_text, row_shown, source_of, state_of
 
 LOAD = (1.0, 2.0, -3.0, 40.0, 20.0, -90.0)
 QUANTITY, ALONG, AND = (
@@ -53,7 +54,7 @@ def test_every_quantity_is_what_the_library_says(serve, pages, tmp_path, name, i
     page = pages.shared(serve(name).url)
     page.evaluate("(load) => window.cartstiff.change({ load, load_axes: 'body' })", LOAD)
     elastic = cartstiff.load(name)
-    state = ViewState(load=LOAD)
+    state = state_of(load=LOAD)
     page.select_option(ALONG, f"sweep:{i}")
     settled(page)
     keys = page.eval_on_selector_all(f"{QUANTITY} option", "(all) => all.map((o) => o.value)")
@@ -71,7 +72,7 @@ def test_every_quantity_is_what_the_library_says(serve, pages, tmp_path, name, i
         near = int(np.argmin(np.abs(table[:, 0] - elastic.q[i])))
         q = np.array(elastic.q)
         q[i] = table[near, 0]
-        row = series_row(cartstiff.analyse(elastic, q, wrench=LOAD), state)
+        row = row_shown(cartstiff.analyse(elastic, q, wrench=LOAD), state)
         expected = np.array(row[key]) / shown_unit(names[1])
         assert table[near, 1:] == pytest.approx(expected, rel=1e-6), key
 
@@ -81,7 +82,7 @@ def test_a_file_plots_the_same_quantities(pages, tmp_path, name, i):
     """By its own arithmetic."""
     elastic = cartstiff.load(name)
     path = tmp_path / "page.html"
-    path.write_text(export_page(Source(elastic, load=np.array(LOAD))), "utf-8")
+    path.write_text(page_text(source_of(elastic, load=np.array(LOAD))), "utf-8")
     page = pages.open(path.as_uri(), offline=True)
     page.wait_for_selector("#strip .plot .curve-0, #strip .plot .nothing", state="attached")
     page.select_option(ALONG, f"sweep:{i}")
@@ -95,7 +96,7 @@ def test_a_file_plots_the_same_quantities(pages, tmp_path, name, i):
         near = int(np.argmin(np.abs(table[:, 0] - elastic.q[i])))
         q = np.array(elastic.q)
         q[i] = table[near, 0]
-        row = series_row(cartstiff.analyse(elastic, q, wrench=LOAD), ViewState(quantity=quantity))[
+        row = row_shown(cartstiff.analyse(elastic, q, wrench=LOAD), state_of(quantity=quantity))[
             key
         ]
         if row is None:
@@ -121,7 +122,7 @@ def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
         for row in table[[7, 30, 51]]:
             q = np.array(elastic.q)
             q[i] = row[0]
-            expected = series_row(cartstiff.analyse(elastic, q, wrench=load), ViewState(load=load))
+            expected = row_shown(cartstiff.analyse(elastic, q, wrench=load), state_of(load=load))
             assert row[1:] == pytest.approx(expected["condition"], rel=1e-6)
     page.evaluate(
         "() => window.cartstiff.change({ load_axes: 'body', load: [0, 0, 0, 0, 0, -300] })"
@@ -131,9 +132,9 @@ def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
     assert f"along {elastic.names[3]} and {elastic.names[0]}" in comments[0]
     q = np.array(elastic.q)
     q[[3, 0]] = table[200, :2]
-    expected = series_row(
+    expected = row_shown(
         cartstiff.analyse(elastic, q, wrench=(0, 0, 0, 0, 0, -300)),
-        ViewState(load=(0, 0, 0, 0, 0, -300)),
+        state_of(load=(0, 0, 0, 0, 0, -300)),
     )
     assert table[200, 2] == pytest.approx(expected["condition"][0], rel=1e-6)
 
@@ -180,7 +181,7 @@ def test_a_map_of_colours_is_zoomed_and_saved(serve, pages, tmp_path):
     q = np.array(elastic.q)
     for row in table[[40, 333, 620]]:
         q[2:4] = row[:2]
-        numbers = series_row(cartstiff.analyse(elastic, q), ViewState())
+        numbers = row_shown(cartstiff.analyse(elastic, q), state_of())
         assert row[2] == pytest.approx(numbers["condition"][0], rel=1e-6)
     box = page.locator(".plot.heat").bounding_box()
     x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]

@@ -8,6 +8,7 @@ from tools.screenshot import ready, settled
 
 import cartstiff
 from tests.inner import better_posture, better_statements, direction_words, words_of
+from tests.support.pages import served, source_of
 
 SIDEWAYS = np.array([0.0, 0.0, 0.0, 100.0, 0.0, 0.0])
 MILLI = {"m": 1e3, "mm": 1.0, "µm": 1e-3}
@@ -119,10 +120,9 @@ def test_a_better_posture(stranger):
 
 
 def test_a_link_outlives_a_restart_and_holds_no_secret(pages):
-    from tests.inner import Background, Source
 
     arm = cartstiff.load("ur5")
-    server = Background(Source(arm))
+    server = served(source_of(arm))
     port, secret = server.server.port, server.url.split("/")[3]
     page = pages.open(server.url)
     page.watch.without_server()
@@ -139,7 +139,7 @@ def test_a_link_outlives_a_restart_and_holds_no_secret(pages):
     ready(page)
     assert page.evaluate("() => window.cartstiff.numbers.result.q") == q
     server.close()
-    server = Background(Source(arm), port=port)
+    server = served(source_of(arm), port=port)
     try:
         # The page that was open says how one gets in again, and keeps its state.
         page.wait_for_selector("#banner a:has-text('Enter')")

@@ -10,7 +10,7 @@ from tools.screenshot import settled
 
 import cartstiff
 from tests.browser.conftest import heard, setup, short
-from tests.inner import Background, Source, export_page
+from tests.support.pages import page_text, served, source_of
 
 LOAD = "() => window.cartstiff.state.load"
 
@@ -21,7 +21,7 @@ def opened(serve, pages, tmp_path):
         if kind == "live":
             return pages.shared(serve(name).url)
         file = tmp_path / f"{name}.html"
-        file.write_text(export_page(Source(cartstiff.load(name))), encoding="utf-8")
+        file.write_text(page_text(source_of(cartstiff.load(name))), encoding="utf-8")
         return pages.open(file.as_uri())
 
     return open_page
@@ -87,10 +87,10 @@ def test_a_typed_force_is_along_the_room_as_the_buttons_are(kind, opened):
 def test_springs_that_nobody_measured_are_counted(kind, doubt, pages, tmp_path):
     """On the page, and in what is saved of it."""
     name = "ur5" if doubt != "assumed" else "ur3"
-    source = short(Source(cartstiff.load(name)))
-    server = Background(source) if kind == "live" else None
+    source = short(source_of(cartstiff.load(name)))
+    server = served(source) if kind == "live" else None
     file = tmp_path / "page.html"
-    file.write_text(export_page(source), encoding="utf-8")
+    file.write_text(page_text(source), encoding="utf-8")
     page = pages.open(file.as_uri() if server is None else server.url)
     assert page.inner_text(".doubt").startswith(f"Springs {doubt}")
     setup(page, "springs")
@@ -140,7 +140,7 @@ def test_a_link_is_of_its_mechanism(serve, pages):
     other.evaluate("(link) => { location.hash = link; }", link.replace("-100", "-50"))
     other.wait_for_selector("#banner:has-text('not applied')")
     assert other.evaluate(LOAD) == wanted
-    server = Background(short(Source(cartstiff.load("ur5").with_springs(1e5))))
+    server = served(short(source_of(cartstiff.load("ur5").with_springs(1e5))))
     stiffer = pages.open(server.url + link)
     assert "made of another ur5" in stiffer.inner_text("#banner")
     assert stiffer.evaluate(LOAD) == wanted
@@ -149,7 +149,7 @@ def test_a_link_is_of_its_mechanism(serve, pages):
 
 
 def test_a_link_says_that_the_load_of_the_command_is_gone(pages):
-    server = Background(short(Source(cartstiff.load("stewart-gough"), load=np.ones(6))))
+    server = served(short(source_of(cartstiff.load("stewart-gough"), load=np.ones(6))))
     page = pages.open(server.url)
     setup(page, "load")
     chosen(page, "springs")

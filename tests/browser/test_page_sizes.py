@@ -8,7 +8,7 @@ from tools.screenshot import settled
 
 import cartstiff
 from tests.browser.conftest import unfold
-from tests.inner import Source, export_page
+from tests.support.pages import page_text, source_of
 
 SIZES = ((390, 844), (844, 390), (1024, 768), (1440, 900), (2560, 1440))
 
@@ -115,7 +115,7 @@ def test_what_a_springless_joint_would_have_to_carry_is_said(ur5):
 
 def test_a_file_of_one_posture_has_no_dead_cards(pages, tmp_path):
     file = tmp_path / "cables.html"
-    file.write_text(export_page(Source(cartstiff.load("cable-robot"))), encoding="utf-8")
+    file.write_text(page_text(source_of(cartstiff.load("cable-robot"))), encoding="utf-8")
     page = pages.open(file.as_uri(), offline=True)
     for part in (".setup-card", ".compare-card", "#strip", ".posture-card .buttons"):
         assert not page.locator(part).is_visible(), part

@@ -13,7 +13,7 @@ from cartstiff import analyse_posture
 from cartstiff.geometry import se3
 from tests.browser.conftest import setup
 from tests.browser.test_page import close, matrix
-from tests.inner import ViewState
+from tests.support.pages import page_text, served, source_of, state_of
 from tests.support.printed import text_of
 from tests.support.robots import bundled_files
 
@@ -192,9 +192,8 @@ def test_the_same_matrix_is_drawn_alike_whatever_was_before(ur5):
 
 
 def test_a_dead_server_is_said_when_the_numbers_are_asked_for(pages):
-    from tests.inner import Background, Source
 
-    server = Background(Source(cartstiff.load("cable-robot")))
+    server = served(source_of(cartstiff.load("cable-robot")))
     page = pages.open(server.url)
     settled(page)
     page.watch.without_server()
@@ -205,10 +204,9 @@ def test_a_dead_server_is_said_when_the_numbers_are_asked_for(pages):
 
 
 def test_the_browser_computes_for_a_dead_server(pages):
-    from tests.inner import Background, Source
 
     arm = cartstiff.load("ur5")
-    server = Background(Source(arm))
+    server = served(source_of(arm))
     page = pages.open(server.url)
     page.wait_for_function("() => window.cartstiff.source.local !== null")
     settled(page)
@@ -235,15 +233,14 @@ def test_springs_that_nobody_measured_are_said_with_the_answer(serve, pages):
 
 
 def test_an_exported_page_keeps_point_axes_and_the_kept_state(serve, pages, tmp_path):
-    from tests.inner import Source, export_page
 
     arm = cartstiff.load("ur5")
     other = [0.1, -1.2, 1.3, -0.2, 0.8, 0.0]
-    state = ViewState(
+    state = state_of(
         q=arm.q.tolist(), point=(0.0, 0.0, 0.2), axes="world", labels=False, ghost=other
     )
     file = tmp_path / "ur5.html"
-    file.write_text(export_page(Source(arm), state=state), encoding="utf-8")
+    file.write_text(page_text(source_of(arm), state=state), encoding="utf-8")
     page = pages.open(file.as_uri(), offline=True)
     settled(page)
     result = cartstiff.analyse(arm)

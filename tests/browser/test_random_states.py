@@ -14,7 +14,7 @@ from tools.screenshot import settled
 
 import cartstiff
 from cartstiff.geometry import se3
-from tests.inner import Source, export_page
+from tests.support.pages import page_text, source_of
 
 #: What is pressed between wishes: undo and redo, quantity, connections, angles, states, Escape.
 KEYS = ["u", "U", "s", "s", "1", "2", "3", "4", "6", "d", "a", "b", "Escape"]
@@ -145,7 +145,7 @@ def opened(serve, pages, tmp_path_factory):
             return pages.shared(serve(name).url)
         file = tmp_path_factory.getbasetemp() / f"random-{name}.html"
         if not file.exists():
-            file.write_text(export_page(Source(cartstiff.load(name))), encoding="utf-8")
+            file.write_text(page_text(source_of(cartstiff.load(name))), encoding="utf-8")
         return pages.shared(file.as_uri())
 
     return open_page

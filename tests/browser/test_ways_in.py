@@ -11,7 +11,8 @@ from tools.screenshot import settled
 import cartstiff
 from cartstiff.maps import Axis, Grid, compute_map
 from tests.browser.conftest import short, unfold
-from tests.inner import Background, Setup, Shown, export_page
+from tests.inner import Setup, Shown
+from tests.support.pages import page_text, served
 
 # What the banner says, from the first moment on; what the page puts off comes ten times sooner.
 BANNERS = """
@@ -107,11 +108,11 @@ def test_a_way_in_shows_no_banner_and_no_error(way, kind, files, pages, tmp_path
     source = short(Shown(**shown).source(Setup(name)))
     server = None
     if kind == "live":
-        server = Background(source)
+        server = served(source)
         url = server.url
     else:
         file = tmp_path / "page.html"
-        file.write_text(export_page(source), encoding="utf-8")
+        file.write_text(page_text(source), encoding="utf-8")
         url = file.as_uri()
     page = pages.blank(offline=kind == "exported")
     page.add_init_script(BANNERS)

@@ -13,7 +13,8 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
-from tests.inner import Design, Designs, Study, StudyEvaluator, command, postures, read_study
+from tests.inner import Design, Designs, Study, StudyEvaluator, postures, read_study
+from tests.support.commands import command
 
 import cartstiff
 from cartstiff import InputError, UndefinedError

@@ -101,7 +101,7 @@ def agree(expected, got):
 
 def _command(line):
     """What `cartstiff ...` prints, on standard output and then on standard error."""
-    from tests.inner import main
+    from cartstiff.__main__ import main
 
     out, err = io.StringIO(), io.StringIO()
     streams = contextlib.redirect_stdout(out), contextlib.redirect_stderr(err)

@@ -7,9 +7,9 @@ from unittest.mock import patch
 
 import pytest
 from tests.docs.blocks import ROOT, agree, blocks_of, pages, run_page
-from tests.inner import main
 from tests.support.robots import example_robots
 
+from cartstiff.__main__ import main
 from cartstiff.extend import QUANTITIES
 
 DOCS, SOURCES = ROOT / "docs", ROOT / "src" / "cartstiff"

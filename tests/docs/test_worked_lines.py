@@ -10,7 +10,7 @@ from functools import cache
 import click
 import pytest
 from tests.docs.blocks import ROOT, blocks_of, pages
-from tests.inner import _COMMANDS, command
+from tests.support.commands import COMMANDS, command
 
 #: Options that no console block can hold, each with the reason and the test that holds it.
 WITHOUT_A_WORKED_LINE = {
@@ -28,7 +28,7 @@ _EXAMPLE = re.compile(r"(?<![\w-])--?[a-z][\w-]*")
 def options():
     """Of each option all spellings, and the commands that have it."""
     found = {}
-    for name in _COMMANDS:
+    for name in COMMANDS:
         for one in command.get_command(None, name).params:
             if isinstance(one, click.Option) and one.opts[-1] not in _ABOUT_HELP:
                 spellings, commands = found.setdefault(one.opts[-1], (set(), set()))
@@ -40,7 +40,7 @@ def options():
 @cache
 def worked():
     """The words that the worked lines of each command have."""
-    words = {name: set() for name in _COMMANDS}
+    words = {name: set() for name in COMMANDS}
     for page in pages():
         for block in blocks_of(page.read_text("utf-8")):
             if block.language == "console":
@@ -94,7 +94,7 @@ def test_exceptions_have_their_test(option):
 
 def test_worked_lines_spell_options_that_exist():
     """Also lines whose output is cut by an ellipsis, which would hide a refusal."""
-    known = {name: {"--help", "--help-all"} for name in _COMMANDS}
+    known = {name: {"--help", "--help-all"} for name in COMMANDS}
     for spellings, commands in options().values():
         for name in commands:
             known[name] |= spellings

@@ -4,8 +4,9 @@ import json
 import tempfile
 
 import pytest
-from tests.inner import main
 from tests.support.commands import words as split
+
+from cartstiff.__main__ import main
 
 #: Keys of platforms, of closed chains, and of bodies with fewer than six freedoms.
 OF_SOME = {"legs", "task_axes"}

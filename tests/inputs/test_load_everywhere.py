@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 from tests.doors import LegLimits
-from tests.inner import _COMMANDS, lines_at
-from tests.inner import command as cartstiff_command
-from tests.support.commands import answer
+from tests.inner import lines_at
+from tests.support.commands import COMMANDS, answer
+from tests.support.commands import command as cartstiff_command
 
 import cartstiff
 from cartstiff import InputError
@@ -26,7 +26,7 @@ LACKS = {
 }
 
 
-@pytest.mark.parametrize("name", list(_COMMANDS))
+@pytest.mark.parametrize("name", list(COMMANDS))
 def test_the_same_options_on_every_command(name):
     command = cartstiff_command.get_command(click.Context(cartstiff_command), name)
     options = {word for parameter in command.params for word in parameter.opts}

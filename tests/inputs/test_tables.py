@@ -7,6 +7,7 @@ from tests.identify.campaigns import simulated
 from tests.inner import DISPLACEMENT, read_rows, table_text
 from tests.inner import measurements_ROTATION as ROTATION
 from tests.support.commands import answer, run
+from tests.support.pages import postures_in
 
 import cartstiff
 from cartstiff import InputError
@@ -132,7 +133,6 @@ def test_a_seam_in_three_commands(big_arm):
     errors = answer("equilibrium", *robot, more, said="not needed here")["summary"]
     assert errors["before"]["translation_max"] > 1e-4
     assert errors["after"]["translation_max"] < 1e-9
-    from tests.inner import read_trajectory
 
     heads = c.read_text().splitlines()[0].split(",")
     assert {"before_rx [rad]", "before_z [m]", "after_y [m]"} <= set(heads)
@@ -145,7 +145,7 @@ def test_a_seam_in_three_commands(big_arm):
     for entry in found:
         assert not entry["identifiable"] or abs(entry["stiffness"] / 1e4 - 1) < 1e-2, entry
     assert sum(entry["identifiable"] for entry in found) >= 3
-    shown = read_trajectory(c, tuple(f"a{i}" for i in range(1, 7)))
+    shown = postures_in(c, tuple(f"a{i}" for i in range(1, 7)))
     assert np.allclose(shown.q, read_rows(p, "rows").values[:, :6], atol=1e-12)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tests.inner import describe_frames, frames_of
 from tests.support.commands import answer, run
+from tests.support.pages import tab_of
 
 import cartstiff
 from cartstiff import InputError
@@ -173,13 +174,13 @@ def test_every_command_takes_them(arm, tmp_path):
 
 
 def test_pages_start_with_the_load_that_was_stated(arm):
-    from tests.inner import Session, Setup, Shown
+    from tests.inner import Setup, Shown
 
     tool = {"tcp": list(TCP), "payload": [2.0]}
     load = {"load": [0, 0, 0, 0, 0, -100], "load_at": [0, 0, 0.05], "world": True}
     setup = Setup(str(arm), **tool, **load, load_kind="follower")
     source = Shown().source(setup)
-    state = Session(source).start
+    state = tab_of(source).start
     assert (state.load_axes, state.load_kind) == ("world", "follower")
     assert state.load_at == (0, 0, 0.05)
     assert np.allclose(source.elastic.mechanism.body.T_j_f, T, atol=1e-12)

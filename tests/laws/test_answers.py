@@ -19,20 +19,17 @@ from tests.inner import (
     VERDICTS,
     WEIGHTS,
     BrowserProgram,
-    Session,
-    Source,
     answer_at,
     answer_sentences,
     browser_program,
     decide,
     direction_words,
     doubts_of,
-    export_page,
-    read_message,
 )
 from tests.laws.test_set_ups import SetUp, later, posture
 from tests.support.commands import answer, run
 from tests.support.generated import Arm, close
+from tests.support.pages import message_of, page_text, source_of, tab_of
 from tests.support.report_words import states_what_is_said
 from tests.view.test_browser_program import asked_of
 from tests.view.test_export import held
@@ -96,11 +93,11 @@ def asking(one: SetUp, q: np.ndarray) -> Any:
         "load_axes": one.axes,
         "load_at": one.arm.at.tolist(),
     }
-    return read_message(json.dumps({"id": 1, "do": "numbers", "state": state}))
+    return message_of(json.dumps({"id": 1, "do": "numbers", "state": state}))
 
 
 def page_numbers(elastic: Any, one: SetUp, q: np.ndarray) -> dict[str, Any]:
-    found: dict[str, Any] = Session(Source(elastic)).answer(asking(one, q)).data["numbers"]
+    found: dict[str, Any] = tab_of(source_of(elastic)).answer(asking(one, q)).data["numbers"]
     return found
 
 
@@ -175,13 +172,13 @@ def test_a_page_says_the_sentences_of_the_command(tmp_path):
     """Live, in its full analysis, and in the file that is exported."""
     load, elastic = [0.0, 0.0, 0.0, 0.0, -500.0, 0.0], cartstiff.load("five-bar")
     lines = [line.strip() for line in run("analyse five-bar --load 0,0,0,0,-500,0").splitlines()]
-    session = Session(Source(elastic))
+    session = tab_of(source_of(elastic))
     state = {"load": load}
     live, analysis = (
-        session.answer(read_message(json.dumps({"id": 1, "do": do, "state": state}))).data
+        session.answer(message_of(json.dumps({"id": 1, "do": do, "state": state}))).data
         for do in ("answer", "analysis")
     )
-    file = held(export_page(Source(elastic, load=np.array(load))))[0]["said"]
+    file = held(page_text(source_of(elastic, load=np.array(load))))[0]["said"]
     ours = answer_at(cartstiff.analyse(elastic, wrench=load))
     for found in (live, file):
         assert found["answer"] == json.loads(json.dumps(ours.to_dict()))

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.doors import LoadKind, with_rest_balancing
-from tests.inner import Margins, Session, Source, carried, read_message
+from tests.inner import Margins, carried
 from tests.mechanisms.machines import write_file
+from tests.support.pages import message_of, source_of, tab_of
 from tests.view.conftest import NoPicture
 
 import cartstiff
@@ -133,12 +134,12 @@ def test_every_command_has_the_forces_of_statics(tmp_path, kind, acting):
         assert states.attrs["flag_meanings"].split()[int(states.values.ravel()[0])] == state
 
     # The page states a load along the room's axes, unless it is told otherwise.
-    session = Session(Source(elastic), NoPicture)
+    session = tab_of(source_of(elastic), NoPicture)
     for named, given in (({}, in_room), ({"load_axes": "body"}, W)):
         load = None if W is None else given.tolist()
         state = session.start.model_dump() | {"q": list(Q), "load": load} | named
         message = json.dumps({"id": 1, "do": "numbers", "state": state})
-        legs = session.answer(read_message(message)).data["numbers"]["legs"]
+        legs = session.answer(message_of(message)).data["numbers"]["legs"]
         assert [leg["tension"] for leg in legs] == pytest.approx(expected, **near)
 
     # At rest the load has the axes of the start, and the legs their lengths there.

@@ -22,13 +22,9 @@ import pytest
 from tests.doors import Chain, Closure, numerics, plain_tree
 from tests.inner import (
     Answer,
-    Session,
     Settings,
-    Source,
-    ViewState,
     choose_quantities,
     evaluate,
-    shown_numbers,
 )
 from tests.support import (
     add_frame,
@@ -40,6 +36,7 @@ from tests.support import (
     spread_springs,
     translation,
 )
+from tests.support.pages import numbers_shown, source_of, state_of, tab_of
 
 import cartstiff
 from cartstiff import (
@@ -347,8 +344,8 @@ def check_posture(name, load, distance, decades, seed):
         moved = np.linalg.norm(single["deflection"]["displacement"])
         _same(numbers["deflection"], moved, tolerance, "deflection")
     # 4. The page.
-    session = Session(Source(elastic))
-    state = ViewState(q=q.tolist(), quantity="compliance")
+    session = tab_of(source_of(elastic))
+    state = state_of(q=q.tolist(), quantity="compliance")
     if wrench is not None:
         state = state.model_copy(
             update={
@@ -357,7 +354,7 @@ def check_posture(name, load, distance, decades, seed):
                 "load_at": tuple(how["load_at"]),
             }
         )
-    shown = json.loads(Answer(shown_numbers(session.result(state), state)).pack()[4:])
+    shown = json.loads(Answer(numbers_shown(session.result(state), state)).pack()[4:])
     told = {n["code"] for n in shown["result"]["notes"]}
     assert told == _codes(result)
     if C is not None:

@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
-from tests.inner import Session, Source, read_message
 from tests.support.commands import answer, run
 from tests.support.generated import EARTH, Arm, FourBar, close, frame, numbers
 from tests.support.oracles import cross_matrix
+from tests.support.pages import page_answer, source_of
 
 import cartstiff
 
@@ -121,9 +121,7 @@ def test_page(arm):
     one, file = arm
     T = one.pose(one.q)
     state = {"load": one.W.tolist(), "load_axes": "world", "load_at": one.at.tolist()}
-    session = Session(Source(cartstiff.load(file)))
-    message = read_message(json.dumps({"id": 1, "do": "result", "state": state}))
-    found = json.loads(json.dumps(session.answer(message).data, allow_nan=False))["result"]
+    found = page_answer(source_of(cartstiff.load(file)), "result", state)["result"]
     close(found["pose"], T, 1e-12)
     close(found["load"]["compliance"], one.compliance(one.q))
 

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 import yaml
 from tests.doors import LoadKind
-from tests.inner import Margins, Session, Source, read_message
+from tests.inner import Margins
 from tests.mechanisms.machines import write_file
 from tests.support.generated import Arm
+from tests.support.pages import message_of, source_of, tab_of
 
 import cartstiff
 from cartstiff import ToolPath, analyse, analyse_many, equilibrium, load, modes
@@ -104,12 +105,12 @@ def at_every_door(
         assert many["wrench"][0] == pytest.approx(one.wrench, rel=1e-8, abs=1e-6)
         tensions.append(many["tensions"][0])
     # The page.
-    session = Session(Source(elastic))
+    session = tab_of(source_of(elastic))
     state = {"q": q.tolist(), "load": None if wrench is None else W.tolist()}
     state = session.start.model_dump() | state | {"load_axes": "body"}
-    answer = session.answer(
-        read_message(json.dumps({"id": 1, "do": "result", "state": state}))
-    ).data["result"]
+    answer = session.answer(message_of(json.dumps({"id": 1, "do": "result", "state": state}))).data[
+        "result"
+    ]
     assert answer["stiffness"]["B"] == pytest.approx(K, **close)
     assert answer["wrench"] == pytest.approx(one.wrench, rel=1e-8, abs=1e-6)
     # Modes, with the tangent under the load.

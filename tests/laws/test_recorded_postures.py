@@ -7,7 +7,8 @@ import pickle
 import numpy as np
 import pytest
 from tests.doors import DEAD_AT_ORIGIN, LoadKind
-from tests.inner import RecordedPostures, Session, Source, ViewState, read_message, shown_numbers
+from tests.inner import RecordedPostures
+from tests.support.pages import message_of, numbers_shown, source_of, state_of, tab_of
 
 import cartstiff
 from cartstiff import ConvergenceError
@@ -98,8 +99,8 @@ def test_the_page_shows_the_same_numbers(name):
     ours = recorded.posture(elastic.q, WRENCH, DEAD_AT_ORIGIN, "body")
     core = cartstiff.analyse(elastic, wrench=WRENCH)
     assert "reduction" not in vars(ours)
-    state = ViewState(q=elastic.q.tolist(), load=tuple(WRENCH), point=(0.1, 0.0, 0.2))
-    same(shown_numbers(ours, state), shown_numbers(core, state))
+    state = state_of(q=elastic.q.tolist(), load=tuple(WRENCH), point=(0.1, 0.0, 0.2))
+    same(numbers_shown(ours, state), numbers_shown(core, state))
     assert pickle.loads(pickle.dumps(ours)).tangent == pytest.approx(core.tangent)
 
 
@@ -123,17 +124,17 @@ def same(ours, core, where=""):
 
 
 def test_a_session_records_each_kind_of_load_that_it_was_asked_for():
-    session = Session(Source(cartstiff.load("ur5")))
+    session = tab_of(source_of(cartstiff.load("ur5")))
     text = '{"id": 1, "do": "draw", "state": {"q": [0, -1, 1.5, %r, 1, 0]}}'
-    drawn = [session.answer(read_message(text % (0.01 * k))) for k in range(3)]
+    drawn = [session.answer(message_of(text % (0.01 * k))) for k in range(3)]
     session.postures.record().join()
     assert not session.postures.waiting
-    recorded = session.result(ViewState(q=[0.1, -1.0, 1.5, 0.2, 1.0, 0.0]))
+    recorded = session.result(state_of(q=[0.1, -1.0, 1.5, 0.2, 1.0, 0.0]))
     assert recorded.is_plain
-    again = session.answer(read_message(text % 0.0))
+    again = session.answer(message_of(text % 0.0))
     same(again.data["numbers"], drawn[0].data["numbers"])
     other = session.postures
     session.answer(
-        read_message('{"id": 2, "do": "draw", "state": {"payload": [2.0, 0.0, 0.0, 0.1]}}')
+        message_of('{"id": 2, "do": "draw", "state": {"payload": [2.0, 0.0, 0.0, 0.1]}}')
     )
     assert session.postures is not other  # another mechanism, with programs of its own

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.doors import checked_load
-from tests.inner import LegMargins, Margins, Session, Source, carried, read_message
+from tests.inner import LegMargins, Margins, carried
 from tests.inputs.test_every_key import SPRINGS
 from tests.mechanisms.machines import write_file
+from tests.support.pages import message_of, source_of, tab_of
 from tests.view.conftest import NoPicture
 
 import cartstiff
@@ -131,11 +132,11 @@ def machine(request, tmp_path_factory):
 
 def test_the_page(machine):
     load = machine.load
-    session = Session(Source(machine.elastic), NoPicture)
+    session = tab_of(source_of(machine.elastic), NoPicture)
     for q, expected in zip(machine.q, machine.said, strict=True):
         state = session.start.model_dump() | {"q": q.tolist(), "load": load, "load_axes": "body"}
         answer = session.answer(
-            read_message(json.dumps({"id": 1, "do": "result", "state": state}))
+            message_of(json.dumps({"id": 1, "do": "result", "state": state}))
         ).data["result"]
         found = [note for note in answer["notes"] if note["code"] in LIMITED]
         assert {n: x for note in found for n, x in note["values"].items()} == expected

@@ -8,7 +8,6 @@ derivatives by differences, the rest by a root.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,10 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from tests.inner import Session, Source, read_message
 from tests.support.commands import answer
 from tests.support.generated import EARTH, Arm, close, frame, numbers
 from tests.support.oracles import exp_reference
+from tests.support.pages import page_answer, source_of
 
 import cartstiff
 
@@ -150,9 +149,7 @@ def answered(door: str, one: SetUp, q: np.ndarray) -> dict[str, Any]:
         "load_at": one.arm.at.tolist(),
     }
     elastic = cartstiff.load(one.file("payload", "gravity"))
-    message = read_message(json.dumps({"id": 1, "do": "result", "state": state}))
-    data = Session(Source(elastic)).answer(message).data
-    return json.loads(json.dumps(data, allow_nan=False))["result"]
+    return page_answer(source_of(elastic), "result", state)["result"]
 
 
 @pytest.mark.parametrize("door", DOORS)
@@ -313,8 +310,7 @@ def test_a_platform_s_preload(seed, away, door, tmp_path):
         answered = answer("analyse", file, ["--pose", numbers(q)])
         W, K = answered["wrench"], answered["stiffness"]["A"]
     else:
-        message = {"id": 1, "do": "result", "state": {"q": q.tolist()}}
-        data = Session(Source(elastic)).answer(read_message(json.dumps(message))).data["result"]
+        data = page_answer(source_of(elastic), "result", {"q": q.tolist()})["result"]
         W, K = data["wrench"], data["stiffness"]["A"]
     close(W, wrench(T), 1e-9)
     close(K, np.array(slopes).T, 1e-6)

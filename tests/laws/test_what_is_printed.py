@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from tests.doors import PolynomialLaw, Scaled
 from tests.inner import answer_at, parts_of_links, percent, posture_notes, share_words
-from tests.inner import command as cartstiff_command
+from tests.support.commands import command as cartstiff_command
 from tests.support.printed import text_of
 
 import cartstiff
@@ -204,7 +204,7 @@ _ROUNDING = re.compile(r"\de-(?:1[3-9]|[2-9]\d|\d{3})\b")
 )
 def test_no_rounding_is_printed_as_a_number(command):
     from click.testing import CliRunner
-    from tests.inner import command as main
+    from tests.support.commands import command as main
 
     done = CliRunner().invoke(main, command.split())
     assert done.exit_code == 0, done.output

@@ -7,7 +7,8 @@ import random
 import shutil
 
 import pytest
-from tests.inner import MapFile, read_cloud, store
+from tests.inner import MapFile, store
+from tests.support.pages import clouds_in
 from tools.fuzz_maps import crafted_map, resealed, whole_map
 
 import cartstiff
@@ -63,7 +64,7 @@ def test_a_map_that_claims_many_postures_is_not_read_whole(tmp_path, monkeypatch
     resealed(file)
     assert open_map(file).attrs["chunks"] == 10**5
     with pytest.raises(InputError, match="too large to be shown"):
-        read_cloud(file, cartstiff.load("ur5"))
+        clouds_in(file, cartstiff.load("ur5"))
     with pytest.raises(InputError, match="too large for a picture of the distribution"):
         draw_map(open_map(file), "condition")
     assert summary(MapFile.at(file))["states"]["not-computed"] > 4 * 10**10

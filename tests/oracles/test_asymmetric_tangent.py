@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from tests.inner import (
     Settings,
-    ViewState,
     block_ellipsoid,
     choose_quantities,
     evaluate,
-    shown_numbers,
 )
+from tests.support.pages import numbers_shown, state_of
 from tests.support.printed import text_of
 
 import cartstiff
@@ -76,8 +75,8 @@ def test_analysis_page_picture_and_map_read_the_same(loaded):
             found = evaluate(choose_quantities(names, settings, loaded.elastic), arrays, settings)
             assert [found[n][0] for n in names] == pytest.approx(values[[0, 2]], rel=1e-8)
         for quantity, others in truth:
-            state = ViewState(connection="load", quantity=quantity, others=others)
-            page = shown_numbers(loaded, state)
+            state = state_of(connection="load", quantity=quantity, others=others)
+            page = numbers_shown(loaded, state)
             assert page["principal"][freedom]["values"] == pytest.approx(
                 truth[quantity, others], rel=1e-8
             )

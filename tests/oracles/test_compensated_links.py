@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import root
-from tests.inner import read_trajectory
 from tests.support.commands import answer, run
+from tests.support.pages import postures_in
 
 import cartstiff
 from cartstiff import compensate
@@ -107,7 +107,7 @@ def test_the_commands_of_joints_alone_are_written_and_read_again(file, tmp_path)
     np.testing.assert_allclose(data["commands"], path.commands, atol=1e-12)
     assert data["springs"] == [f"{name}_joint" for name in JOINTS]
     arm = cartstiff.load(file)
-    played = read_trajectory(table, arm.names, joints=arm.mechanism.joint_names)
+    played = postures_in(table, arm.names, joints=arm.mechanism.joint_names)
     np.testing.assert_array_equal(played.q, ROWS)
     page = tmp_path / "page.html"
     run("export", file, "--trajectory", table, "-o", page)

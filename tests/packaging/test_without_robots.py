@@ -3,7 +3,9 @@
 import json
 
 import pytest
-from tests.inner import catalogue, main
+from tests.inner import catalogue
+
+from cartstiff.__main__ import main
 
 URDF = """<robot name="two">
   <link name="base"/><link name="upper"/><link name="tool"/>

@@ -11,7 +11,12 @@ from typing import Any
 import pytest
 
 from cartstiff import InputError
-from tests.inner import main
+from cartstiff.__main__ import main
+from tests.inner import _COMMANDS
+from tests.inner import command as command
+
+#: Names of the commands.
+COMMANDS = tuple(_COMMANDS)
 
 
 def words(*parts: object) -> list[str]:

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import main
 
 import cartstiff
+from cartstiff.__main__ import main
 
 SOURCE = str(Path(cartstiff.__file__).parents[1])
 

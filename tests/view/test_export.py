@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 import umsgpack
-from tests.inner import Session, Source, ViewState, export_page, numbered, page_script
+from tests.inner import numbered, page_script
 from tests.support import read_mesh
+from tests.support.pages import page_text, source_of, state_of, tab_of
 from tests.support.robots import visuals_of
 from tests.view.conftest import unpacked
 
@@ -28,7 +29,7 @@ def held(page: str) -> tuple[dict[str, Any], list[bytes]]:
 
 @pytest.fixture(scope="module")
 def platform_page() -> str:
-    return export_page(Source(cartstiff.load("stewart-gough")))
+    return page_text(source_of(cartstiff.load("stewart-gough")))
 
 
 def test_nothing_comes_from_outside(platform_page):
@@ -53,7 +54,7 @@ def test_nothing_comes_from_outside(platform_page):
 
 
 def test_the_same_page_twice_is_the_same_bytes(platform_page):
-    assert export_page(Source(cartstiff.load("stewart-gough"))) == platform_page
+    assert page_text(source_of(cartstiff.load("stewart-gough"))) == platform_page
 
 
 @pytest.mark.parametrize("name", ["grasp", "cable-robot"])
@@ -61,7 +62,7 @@ def test_a_mechanism_that_the_browser_cannot_compute_is_one_posture(name):
     elastic = cartstiff.load(name)
     q = elastic.q.copy()
     q[0] += 0.02 * (name == "cable-robot")
-    data, _ = held(export_page(Source(elastic, q)))
+    data, _ = held(page_text(source_of(elastic, q)))
     result = cartstiff.analyse(elastic, q)
     posture = data["posture"]
     assert posture["result"] == json.loads(json.dumps(result.to_dict()))
@@ -76,7 +77,7 @@ def test_a_mechanism_that_the_browser_cannot_compute_is_one_posture(name):
 
 def test_the_state_of_a_tab_is_exported():
     arm = cartstiff.load("cubic")
-    state = ViewState(
+    state = state_of(
         q=[0.01, 0, 0, 0, 0, 0.1],
         stiffness=[2e6] * 6,
         connection="A",
@@ -84,7 +85,7 @@ def test_the_state_of_a_tab_is_exported():
         load=(0, 0, 0, 0, 0, -500),
         point=(0.0, 0.0, 0.1),
     )
-    data, _ = held(export_page(Source(arm), state=state))
+    data, _ = held(page_text(source_of(arm), state=state))
     springs = arm.with_springs(2e6)
     expected = cartstiff.analyse(springs, state.q, wrench=state.load, load_at=state.point)
     shown = data["hello"]["state"]
@@ -103,7 +104,7 @@ def test_meshes_are_on_a_fine_grid():
     from tests.inner import PageScene
 
     picture, arm = PageScene(cartstiff.load("ur5")), cartstiff.load("ur5")
-    picture.draw(cartstiff.analyse(arm), ViewState(q=arm.q.tolist()))
+    picture.draw(cartstiff.analyse(arm), state_of(q=arm.q.tolist()))
     packed = picture.by_path()[
         "set_object", "/meshcat/cartstiff/mechanism/joint 3/3 forearm_link", ""
     ]
@@ -119,14 +120,14 @@ def test_meshes_are_on_a_fine_grid():
 
 @pytest.mark.parametrize("name", ["ur5", "five-bar", "3-rps", "6-ups", "delta"])
 def test_the_file_of_an_arm_or_a_closed_chain_computes(name):
-    page = export_page(Source(cartstiff.load(name)))
+    page = page_text(source_of(cartstiff.load(name)))
     data, _ = held(page)
     assert "posture" not in data
     assert len(page.encode()) < 1.8e6
     rules = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
     assert rules is not None
     assert "unsafe-eval" not in rules.group(1)
-    assert page == export_page(Source(cartstiff.load(name)))
+    assert page == page_text(source_of(cartstiff.load(name)))
 
 
 def test_each_command_is_kept_once_in_an_order_that_a_viewer_takes():
@@ -144,9 +145,9 @@ def test_the_modules_fit_into_one_script():
 
 def test_the_file_of_a_commanded_machine_is_of_its_springs_as_told():
     machine = cartstiff.load("cubic")
-    source = Source(machine, command=[1e-4, 0.0, 0.0, -1e-4, 0.0, 0.0])
-    assert Session(source).start.q == machine.q.tolist()
-    data, _ = held(export_page(source))
+    source = source_of(machine, command=[1e-4, 0.0, 0.0, -1e-4, 0.0, 0.0])
+    assert tab_of(source).start.q == machine.q.tolist()
+    data, _ = held(page_text(source))
     rest = cartstiff.after_command(machine, {"leg1": 1e-4, "leg4": -1e-4})
     shown = data["hello"]["state"]
     assert np.abs(np.array(shown["q"]) - rest.q).max() < 1e-12

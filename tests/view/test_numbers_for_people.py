@@ -10,7 +10,8 @@ import subprocess
 
 import pytest
 from tests.doors import engineering
-from tests.inner import Session, Source, ViewState, moved_part, page_script
+from tests.inner import page_script
+from tests.support.pages import motion_shown, source_of, state_of, tab_of
 
 import cartstiff
 
@@ -87,8 +88,8 @@ def test_the_page_reads_the_same():
 
 @pytest.mark.parametrize(("kind", "power"), [("root", 2), ("linear", 1)])
 def test_the_legend_names_a_length_and_its_value(kind, power):
-    session = Session(Source(cartstiff.load("ur5")))
-    drawn = session.picture.draw(session.result(session.start), ViewState(scale=kind))
+    session = tab_of(source_of(cartstiff.load("ur5")))
+    drawn = session.picture.draw(session.result(session.start), state_of(scale=kind))
     legend = _in_node("legend.js", f"legendOf({json.dumps(drawn)})")
     text = legend["lines"][0]["text"]
     length, value, prefix, unit = re.search(r": (\S+) cm = (\S+) (k?)(N/m+)", text).groups()
@@ -98,10 +99,10 @@ def test_the_legend_names_a_length_and_its_value(kind, power):
 
 
 def test_the_legend_says_what_else_is_drawn_and_what_is_not():
-    session = Session(Source(cartstiff.load("ur5")))
-    state = ViewState(load=(0, 2, 0, 0, 0, -100.0), scale="log", rotation=False)
+    session = tab_of(source_of(cartstiff.load("ur5")))
+    state = state_of(load=(0, 2, 0, 0, 0, -100.0), scale="log", rotation=False)
     result = session.result(state)
-    drawn = session.picture.draw(result, state, moved_part(result, state))
+    drawn = session.picture.draw(result, state, motion_shown(result, state))
     lines = _in_node("legend.js", f"legendOf({json.dumps(drawn)}).lines")
     assert [line["mark"] for line in lines] == ["translation", "force", "moment", "deflection"]
     assert re.search(r"\(rings\)$", lines[0]["text"])
@@ -112,7 +113,7 @@ def test_the_legend_says_what_else_is_drawn_and_what_is_not():
     assert (
         f"without the load; the way between is drawn {factor:.3g} times as far" in lines[3]["text"]
     )
-    singular = ViewState(q=[0.0] * 6, scale="log")
+    singular = state_of(q=[0.0] * 6, scale="log")
     drawn = session.picture.draw(session.result(singular), singular)
     lines = _in_node("legend.js", f"legendOf({json.dumps(drawn)}).lines")
     assert [line["mark"] for line in lines] == ["note"]
@@ -132,7 +133,7 @@ def test_a_saved_plot_says_all_that_its_numbers_depend_on():
     arm = {"name": "arm", "frame": "tool", "coordinates": []}
     arm |= {"springs": [], "is_illustrative": False}
     hello = {"version": "1", "mechanism": arm}
-    state = ViewState(
+    state = state_of(
         load=(0, 0, 0, 0, 0, -80.0),
         load_at=(0.1, 0, 0),
         gravity=(0, 0, -9.81),

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 from tests.doors import PolynomialLaw
 from tests.inner import VERDICTS, answer_at, exaggerated, report_page
-from tests.inner import command as cartstiff_command
+from tests.support.commands import command as cartstiff_command
 from tests.support.printed import sentences_of
 from tests.support.read_units import read
 from tests.support.report_words import (

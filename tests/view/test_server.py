@@ -16,8 +16,8 @@ from urllib.parse import urlsplit
 
 import pytest
 from tests.doors import DEAD_AT_ORIGIN
-from tests.inner import Background, Source
 from tests.inner import server as serving
+from tests.support.pages import served, source_of
 from tests.view.conftest import NoPicture, Tab
 from tornado.httpclient import HTTPClientError
 from tornado.websocket import WebSocketClosedError
@@ -70,7 +70,7 @@ def test_the_first_picture_is_prepared_before_anybody_asks(platform):
             asked.append(threading.current_thread())
             super().__init__(elastic)
 
-    server = Background(Source(platform), picture=Kept)
+    server = served(source_of(platform), picture=Kept)
     try:
         while not server.server.prepared.done():
             time.sleep(0.01)
@@ -102,7 +102,7 @@ def test_a_tab_is_told_why_there_is_no_picture(platform):
         def draw(self, result, state, moved=None):
             raise InputError("no such mesh")
 
-    server = Background(Source(platform), picture=Broken)
+    server = served(source_of(platform), picture=Broken)
     try:
         tab = Tab(server.url)
         assert "no such mesh" in tab.read()["error"]
@@ -276,12 +276,12 @@ def test_a_page_that_is_served_anew_has_the_same_port_if_it_is_free(platform, mo
         signal.raise_signal(signal.SIGTERM)
 
     for _ in range(2):
-        serving.serve(Source(platform), ready=ask)
+        serving.serve(source_of(platform), ready=ask)
     with socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         taken.bind(("127.0.0.1", serving.USUAL_PORT))
         taken.listen()
-        serving.serve(Source(platform), ready=ask)
+        serving.serve(source_of(platform), ready=ask)
     assert found[:2] == [serving.USUAL_PORT] * 2
     assert found[2] != serving.USUAL_PORT
 
@@ -295,7 +295,7 @@ def test_a_socket_needs_the_token(page):
 
 
 def test_two_pages_have_two_tokens(page, platform):
-    other = Background(Source(platform), picture=NoPicture)
+    other = served(source_of(platform), picture=NoPicture)
     assert urlsplit(other.url).path != urlsplit(page.url).path
     other.close()
 
@@ -417,7 +417,7 @@ def test_a_fault_inside_is_said_and_survived(platform, monkeypatch):
                 raise ZeroDivisionError("a bug\nin two lines")
             return super().draw(result, state, moved)
 
-    server = Background(Source(platform), picture=Faulty)
+    server = served(source_of(platform), picture=Faulty)
     one = Tab(server.url)
     one.read()
     answer = one.ask({"id": 1, "do": "draw", "state": {"theme": "dark"}})
@@ -511,7 +511,7 @@ def test_a_frame_beyond_all_bounds_closes_that_socket_alone(tab, page):
 def test_a_port_in_use_is_one_clear_line(page, platform):
     port = urlsplit(page.url).port
     with pytest.raises(InputError, match=f"127.0.0.1:{port}: cannot serve here: Address already"):
-        Background(Source(platform), port=port, picture=NoPicture)
+        served(source_of(platform), port=port, picture=NoPicture)
 
 
 def test_an_export_from_a_tab(tab):
@@ -528,7 +528,7 @@ def test_a_mechanism_without_a_picture_is_said(platform):
         def __init__(self, elastic):
             raise cartstiff.core.errors.MissingDependencyError("meshcat", "a picture in a page")
 
-    server = Background(Source(platform), picture=Broken)
+    server = served(source_of(platform), picture=Broken)
     one = Tab(server.url)
     assert "meshcat" in one.read()["error"]
     one.close()

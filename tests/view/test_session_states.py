@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
-from tests.inner import Session, Source, read_message
+from tests.support.pages import message_of, source_of, tab_of
 from tests.view.conftest import NoPicture
 
 import cartstiff
@@ -30,13 +30,13 @@ class Tabs(RuleBasedStateMachine):
     @initialize(name=st.sampled_from(["cubic", "ur5"]))
     def begin(self, name: str) -> None:
         self.name = name
-        self.source = Source(_elastic(name))
-        self.tabs = [Session(self.source, NoPicture) for _ in range(2)]
+        self.source = source_of(_elastic(name))
+        self.tabs = [tab_of(self.source, NoPicture) for _ in range(2)]
         self.frames = [_elastic(name).mechanism.frame] * 2
         self.state: dict[str, Any] = {}
 
     def _asked(self, tab: int, **words: Any) -> Any:
-        message = read_message(json.dumps({"id": 7, "state": self.state, **words}))
+        message = message_of(json.dumps({"id": 7, "state": self.state, **words}))
         answer = self.tabs[tab].answer(message)
         answer.pack()
         assert answer.data["id"] == 7
@@ -61,14 +61,14 @@ class Tabs(RuleBasedStateMachine):
     @rule(tab=st.integers(0, 1), do=st.sampled_from(["draw", "numbers"]))
     def numbers(self, tab: int, do: str) -> None:
         """The same as a tab that has just been opened gives, to the last digit."""
-        fresh = Session(self.source, NoPicture)
+        fresh = tab_of(self.source, NoPicture)
         frame = self.frames[tab]
         if frame != fresh.elastic.mechanism.frame:
-            fresh.answer(read_message(json.dumps({"id": 1, "do": "frame", "name": frame})))
+            fresh.answer(message_of(json.dumps({"id": 1, "do": "frame", "name": frame})))
         expected: Any
         try:
             text = json.dumps({"id": 7, "do": "numbers", "state": self.state})
-            expected = fresh.answer(read_message(text)).data["numbers"]
+            expected = fresh.answer(message_of(text)).data["numbers"]
         except CartstiffError as error:
             with pytest.raises(type(error)):
                 self._asked(tab, do=do)
@@ -97,7 +97,7 @@ class Tabs(RuleBasedStateMachine):
     def nonsense(self, tab: int) -> None:
         for words in ({"q": [1.0]}, {"q": [1e29] * 6, "stiffness": [1.0]}, {"moved": 77}):
             message = json.dumps({"id": 7, "do": "draw", "state": {**self.state, **words}})
-            read = read_message(message)
+            read = message_of(message)
             with pytest.raises(InputError):
                 self.tabs[tab].answer(read)
 

@@ -7,14 +7,10 @@ import json
 import numpy as np
 import pytest
 from tests.inner import (
-    Session,
-    Source,
-    ViewState,
     describe_mechanism,
     reference_frame,
-    series_row,
-    shown_numbers,
 )
+from tests.support.pages import numbers_shown, row_shown, source_of, state_of, tab_of
 from tests.support.printed import text_of
 
 import cartstiff
@@ -38,9 +34,9 @@ def loaded(arm):
 
 def test_the_payload_holds_the_object_of_analyse(loaded):
     whole = loaded.to_dict()
-    assert shown_numbers(loaded, ViewState(), whole=True)["result"] == whole
+    assert numbers_shown(loaded, state_of(), whole=True)["result"] == whole
     for quantity in ("stiffness", "compliance"):
-        numbers = shown_numbers(loaded, ViewState(quantity=quantity))
+        numbers = numbers_shown(loaded, state_of(quantity=quantity))
         again = json.loads(json.dumps(numbers, allow_nan=False))["result"]
         assert again == {key: whole[key] for key in again}
         assert quantity in again
@@ -51,7 +47,7 @@ def test_the_payload_holds_the_object_of_analyse(loaded):
 @pytest.mark.parametrize("others", ["free", "held"])
 @pytest.mark.parametrize("quantity", ["stiffness", "compliance"])
 def test_principal_values_are_those_of_the_blocks(loaded, name, others, quantity):
-    numbers = shown_numbers(loaded, ViewState(connection=name, others=others, quantity=quantity))
+    numbers = numbers_shown(loaded, state_of(connection=name, others=others, quantity=quantity))
     whole = loaded.at().matrices[name]
     # Held freedoms are those of a block of the stiffness, free ones of one of the compliance.
     M = whole if others == "held" else np.linalg.inv(whole)
@@ -71,14 +67,14 @@ def test_in_every_unit_page_text_and_analysis_agree_on_what_is_symmetric(arm, un
     """A block of large entries, such as moments in N mm, hides no asymmetry of the others."""
     result = cartstiff.analyse(in_units(arm, unit), wrench=[0.0, 0.0, 0.0, force, 0.0, 0.0])
     analysis = analyse_posture(result, connection="A")
-    size = shown_numbers(result, ViewState())["symmetric"]["A"]
+    size = numbers_shown(result, state_of())["symmetric"]["A"]
     assert analysis["symmetrised"] == (force > 1e-3) == (size > 0.0)
     assert ("\nK^A  " in text_of(result)) == (force > 1e-3)
     assert ("asymmetric" in text_of(result)) == (force > 1e-3)
 
 
 def test_symmetric_is_said_of_the_right_ones(loaded):
-    found = shown_numbers(loaded, ViewState())["symmetric"]
+    found = numbers_shown(loaded, state_of())["symmetric"]
     assert found["B"] == found["K"] == found["F"] == 0.0
     # K^A - K^A^T is made of the load: its largest entry here is the force.
     assert found["A"] == pytest.approx(100.0, rel=1e-9)
@@ -86,17 +82,17 @@ def test_symmetric_is_said_of_the_right_ones(loaded):
 
 
 def test_another_point_and_axes_are_another_frame_of_the_same_body(arm, loaded):
-    state = ViewState(point=(0.05, -0.02, 0.1), axes="world")
+    state = state_of(point=(0.05, -0.02, 0.1), axes="world")
     T = reference_frame(loaded, state)
     assert np.allclose((loaded.pose @ T)[:3, :3], np.eye(3), atol=1e-12)
-    here, shown, Ad = loaded.at(T), shown_numbers(loaded, state), se3.adjoint(T)
+    here, shown, Ad = loaded.at(T), numbers_shown(loaded, state), se3.adjoint(T)
     for name in ("A", "B", "K", "F", "+", "load"):
         moved = Ad.T @ loaded.tensor(name).matrix @ Ad
         assert np.allclose(here.matrices[name], moved, rtol=1e-9, atol=1e-6), name
         assert np.allclose(here.matrices[name] @ here.compliances[name], np.eye(6), atol=1e-9)
     assert np.allclose(shown["wrench"], Ad.T @ loaded.wrench, atol=1e-9)
     assert np.array_equal(shown["stiffness"]["K"], here.matrices["K"])
-    assert shown_numbers(loaded, ViewState())["stiffness"] is None
+    assert numbers_shown(loaded, state_of())["stiffness"] is None
 
 
 def test_compliance_at_another_point_without_a_stiffness():
@@ -111,9 +107,9 @@ def test_compliance_at_another_point_without_a_stiffness():
 @pytest.mark.parametrize("point", [(0.0, 0.0, 0.0), (0.0, 0.0, 0.25)])
 def test_the_load_acts_at_the_reference_point_and_the_picture_shows_its_motion(arm, point):
     """Against the equilibrium under that dead force, which is not linear, at a small force."""
-    session = Session(Source(arm))
+    session = tab_of(source_of(arm))
     force = np.array([0.3, 0.0, 0.0])
-    state = ViewState(point=point, load=(0, 0, 0, *force), deflection=True)
+    state = state_of(point=point, load=(0, 0, 0, *force), deflection=True)
     result = session.result(state)
     assert result.load.at == point
     legend = session.picture._scene.draw(result, Appearance(point=point, deflection=True))
@@ -125,20 +121,20 @@ def test_the_load_acts_at_the_reference_point_and_the_picture_shows_its_motion(a
     p = np.append(point, 1.0)
     expected = np.linalg.norm((settled.pose @ p - free.pose @ p)[:3])
     assert moved["displacement"] == pytest.approx(expected, rel=1e-4)
-    assert shown_numbers(result, state)["result"]["load"]["at"] == list(point)
+    assert numbers_shown(result, state)["result"]["load"]["at"] == list(point)
     # Numbers and picture read one object.
     T = reference_frame(result, state)
     assert result.at(T) is result.at(T)
 
 
 def test_the_load_acts_where_it_is_put(arm):
-    session, at = Session(Source(arm)), (0.1, 0.0, 0.0)
-    state = ViewState(point=(0, 0, 0.25), load=(0, 0, 0, 30.0, 20.0, 0), load_at=at)
+    session, at = tab_of(source_of(arm)), (0.1, 0.0, 0.0)
+    state = state_of(point=(0, 0, 0.25), load=(0, 0, 0, 30.0, 20.0, 0), load_at=at)
     result = session.result(state)
     assert np.allclose(result.wrench, [*np.cross(at, [30.0, 20.0, 0]), 30.0, 20.0, 0], atol=1e-9)
     follower = session.result(state.model_copy(update={"load_kind": "follower"}))
     assert np.allclose(follower.tangent, follower.matrices["A"])
-    assert session.result(ViewState(point=(0, 0, 0.25))).load.at == (0.0, 0.0, 0.0)
+    assert session.result(state_of(point=(0, 0, 0.25))).load.at == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -155,14 +151,14 @@ def test_the_load_acts_where_it_is_put(arm):
 )
 def test_the_verdict(name, q, load, level, words):
     result = cartstiff.analyse(cartstiff.load(name), q, wrench=load)
-    found = shown_numbers(result, ViewState())["verdict"]
+    found = numbers_shown(result, state_of())["verdict"]
     assert found["level"] == level
     assert words in found["title"]
 
 
 def test_no_flat_matrix_of_a_redundant_arm():
     result = cartstiff.analyse(cartstiff.load("panda"))
-    numbers = shown_numbers(result, ViewState(connection="F"))
+    numbers = numbers_shown(result, state_of(connection="F"))
     assert numbers["verdict"]["title"].startswith("No K^F")
     assert numbers["verdict"]["code"] == "kf-undefined"
     assert numbers["principal"] is None
@@ -173,46 +169,44 @@ def test_buckled_is_bad():
     """Compression beyond the critical load of the paper's platform: not positive any more."""
     elastic = cartstiff.load("cubic")
     pushed = cartstiff.analyse(elastic, wrench=[0, 0, 0, 0, 0, -3e6])
-    assert shown_numbers(pushed, ViewState())["verdict"]["level"] == "bad"
+    assert numbers_shown(pushed, state_of())["verdict"]["level"] == "bad"
 
 
 def test_legs_of_a_platform():
     elastic = cartstiff.load("hexapod")
-    legs = shown_numbers(cartstiff.analyse(elastic), ViewState())["legs"]
+    legs = numbers_shown(cartstiff.analyse(elastic), state_of())["legs"]
     lengths = elastic.mechanism.leg_lengths(elastic.q)
     assert [leg["length"] for leg in legs] == lengths.tolist()
     assert {leg["lower"] for leg in legs} == {0.5}
-    assert shown_numbers(cartstiff.analyse(cartstiff.load("ur5")), ViewState())["legs"] is None
+    assert numbers_shown(cartstiff.analyse(cartstiff.load("ur5")), state_of())["legs"] is None
 
 
 def test_distance_to_singularity_vanishes_where_it_must():
     arm = cartstiff.load("ur5")
-    (serial,) = shown_numbers(cartstiff.analyse(arm, [0.0] * 6), ViewState())["singularity"]
+    (serial,) = numbers_shown(cartstiff.analyse(arm, [0.0] * 6), state_of())["singularity"]
     assert serial["kind"] == "serial"
     assert serial["ratio"] < 1e-10
-    (type_2,) = shown_numbers(cartstiff.analyse(cartstiff.load("cubic")), ViewState())[
-        "singularity"
-    ]
+    (type_2,) = numbers_shown(cartstiff.analyse(cartstiff.load("cubic")), state_of())["singularity"]
     assert type_2["kind"] == "type-2"
     # Six orthogonal pairs of legs: far from any singularity.
     assert type_2["ratio"] > 0.3
 
 
 def test_a_row_of_a_series(loaded):
-    row = series_row(loaded, ViewState(quantity="compliance"))
+    row = row_shown(loaded, state_of(quantity="compliance"))
     block = loaded.compliances["K"][3:, 3:]
     assert np.allclose(row["translation"], np.linalg.eigvalsh(block), rtol=1e-9)
-    singular = series_row(cartstiff.analyse(cartstiff.load("ur5"), [0.0] * 6), ViewState())
+    singular = row_shown(cartstiff.analyse(cartstiff.load("ur5"), [0.0] * 6), state_of())
     assert singular["translation"] is None
-    moved = shown_numbers(loaded, ViewState())["moved"]["displacement"]
+    moved = numbers_shown(loaded, state_of())["moved"]["displacement"]
     assert row["deflection"] == [pytest.approx(np.linalg.norm(moved), rel=1e-14)]
     assert singular["deflection"] is None
     assert singular["singularity"][0] < 1e-10
-    turned = shown_numbers(loaded, ViewState())["moved"]["rotation"]
+    turned = numbers_shown(loaded, state_of())["moved"]["rotation"]
     assert row["turn"] == [pytest.approx(np.linalg.norm(turned), rel=1e-14)]
     assert row["energy"] == [loaded.energy]
     assert row["leg_force"] is None
-    numbers = shown_numbers(loaded, ViewState())["indices"]
+    numbers = numbers_shown(loaded, state_of())["indices"]
     names = "condition_number", "translational_condition", "rotational_condition"
     assert row["condition"] == [numbers[name] for name in names]
 
@@ -220,16 +214,16 @@ def test_a_row_of_a_series(loaded):
 def test_a_row_of_a_platform_has_its_largest_leg_force():
     result = cartstiff.analyse(cartstiff.load("cubic"), wrench=[1.0, 2.0, -3.0, 40.0, 0.0, -90.0])
     forces = np.linalg.solve(result.posture.actuation.T, result.wrench)
-    assert series_row(result, ViewState())["leg_force"] == [pytest.approx(np.abs(forces).max())]
+    assert row_shown(result, state_of())["leg_force"] == [pytest.approx(np.abs(forces).max())]
 
 
 @pytest.mark.parametrize("name", ["ur5", "stewart-gough"])
 def test_how_far_the_load_moves_it_is_what_the_analysis_says(name):
     elastic = cartstiff.load(name)
     point, at = (0.01, -0.02, 0.1), (0.0, 0.05, 0.0)
-    state = ViewState(load=(1.0, 2.0, 0.0, 3.0, -40.0, 60.0), point=point, load_at=at)
-    result = Session(Source(elastic)).result(state)
-    moved = shown_numbers(result, state)["moved"]
+    state = state_of(load=(1.0, 2.0, 0.0, 3.0, -40.0, 60.0), point=point, load_at=at)
+    result = tab_of(source_of(elastic)).result(state)
+    moved = numbers_shown(result, state)["moved"]
     told = analyse_posture(result, connection="load", at=se3.pose(np.eye(3), point))["deflection"]
     assert moved["displacement"] == told["displacement"]
     assert moved["rotation"] == told["twist"][:3]
@@ -246,8 +240,8 @@ def test_how_far_the_load_moves_it_is_what_the_analysis_says(name):
 
 def test_a_motion_that_is_rounding_of_a_load_on_the_structure_is_none():
     """Sideways the legs of a 3-RPS carry nothing: its motion was 1e-23 m, with shares of it."""
-    state = ViewState(load=(0.0, 0.0, 0.0, 100.0, 0.0, 0.0), load_axes="world")
-    moved = shown_numbers(Session(Source(cartstiff.load("3-rps"))).result(state), state)["moved"]
+    state = state_of(load=(0.0, 0.0, 0.0, 100.0, 0.0, 0.0), load_axes="world")
+    moved = numbers_shown(tab_of(source_of(cartstiff.load("3-rps"))).result(state), state)["moved"]
     assert moved["displacement"] == moved["rotation"] == [0.0] * 3
     assert moved["energy"] == 0.0
     assert moved["shares"] is None

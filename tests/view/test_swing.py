@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.inner import Draw, Numbers, Response, Session, Source, ViewState, extent, swing_of
+from tests.inner import Draw, Numbers, Response, extent, swing_of
+from tests.support.pages import source_of, state_of, tab_of
 
 from cartstiff import UndefinedError, load, modes
 
@@ -28,8 +29,8 @@ def test_a_step_goes_along_the_mode_as_far_as_it_says(name):
 def test_the_ghost_of_a_mode_is_one_end_of_its_swing(name):
     """A tenth of the size away for what moves most, along the mode."""
     elastic = load(name)
-    session = Session(Source(elastic))
-    state = ViewState(q=elastic.q.tolist(), mode=1)
+    session = tab_of(source_of(elastic))
+    state = state_of(q=elastic.q.tolist(), mode=1)
     away = session.answer(Draw(id=1, do="draw", state=state)).data["legend"]["rest"]
     assert away["mode"] == 1
     found = modes(elastic)
@@ -43,8 +44,8 @@ def test_the_ghost_of_a_mode_is_one_end_of_its_swing(name):
 
 def test_a_tab_is_told_modes_and_curves():
     elastic = load("ur5")
-    session = Session(Source(elastic))
-    state = ViewState(q=elastic.q.tolist(), mode=2, load=(0, 0, 0, 0, 0, -200.0), labels=False)
+    session = tab_of(source_of(elastic))
+    state = state_of(q=elastic.q.tolist(), mode=2, load=(0, 0, 0, 0, 0, -200.0), labels=False)
     first = session.answer(Draw(id=1, do="draw", state=state))
     told = first.data["numbers"]["modes"]
     whole = modes(elastic, wrench=[0, 0, 0, 0, 0, -200.0])
@@ -60,8 +61,8 @@ def test_a_tab_is_told_modes_and_curves():
 
 
 def test_without_masses_there_are_words():
-    session = Session(Source(load("cubic")))
-    state = ViewState(mode=1)
+    session = tab_of(source_of(load("cubic")))
+    state = state_of(mode=1)
     told = session.answer(Numbers(id=1, do="numbers", state=state)).data["numbers"]["modes"]
     assert "has a mass" in told["missing"]
     with pytest.raises(UndefinedError, match="has a mass"):
