@@ -51,6 +51,29 @@ def test_derivatives_are_those_of_differences(of):
     assert exact == pytest.approx(found, abs=1e-5 * np.abs(exact).max())
 
 
+@pytest.mark.parametrize(("made", "legs"), [(arm, False), (platform, True)])
+def test_a_single_force_has_its_derivatives_too(made, legs):
+    """By coordinates and by the load, beside differences of one posture."""
+    elastic, q, forces = made()
+
+    def third(given):
+        return given[forces][2]
+
+    program = cs.record(elastic, [third], loaded=True)
+    found = program.gradient("third", q, wrench=W)
+
+    def force(x: np.ndarray) -> float:
+        result = cs.analyse(elastic, x[:6], wrench=x[6:])
+        return float((result.tensions if legs else result.torques)[2])
+
+    slopes = approx_fprime(np.concatenate([q, W]), force, 1e-6)
+    exact = np.concatenate([found["q"], found["wrench"]])
+    assert found["third"] == pytest.approx(force(np.concatenate([q, W])), rel=1e-9)
+    for part in (slice(0, 6), slice(6, 12)):
+        size = np.abs(exact[part]).max()
+        assert exact[part] == pytest.approx(slopes[part], abs=1e-4 * size)
+
+
 def test_quantities_need_a_limit_and_a_load():
     elastic, *_ = arm()
     with pytest.raises(cs.InputError, match="needs a load"):
