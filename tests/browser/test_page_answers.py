@@ -371,3 +371,21 @@ def test_a_map_of_deflections_says_what_the_page_says_or_why_it_does_not(opened)
             if page.url.startswith("http"):  # the server answers every posture that has an answer
                 assert result.tangent_compliance is None or "unstable" in why[0]
     assert checked > 50
+
+
+def test_a_limit_of_a_drive_that_is_passed_is_said_first_and_once(opened):
+    """As the command says it; from a server, and from the page's own arithmetic."""
+    page = opened("ur5")
+    change = "(load) => window.cartstiff.change({ load, load_axes: 'world' })"
+    for size, is_passed in ((-100.0, False), (-400.0, True)):
+        load = [0.0, 0.0, 0.0, 0.0, 0.0, size]
+        page.evaluate(change, load)
+        settled(page)
+        result = cartstiff.analyse(cartstiff.load("ur5"), wrench=load, load_axes="world")
+        notes = [note.message for note in result.notes if note.code == "force-limits"]
+        assert bool(notes) is is_passed
+        for note in notes:
+            words = note.partition(" is at")[0].partition(": ")[2]
+            assert f"Beyond limits: {words} is at" in page.inner_text(".advice")
+        assert page.locator(".notes-card", has_text="Beyond limits").count() == 0
+    page.evaluate("() => window.cartstiff.change({ load: null })")

@@ -126,15 +126,16 @@ export function deflectionPanel(store) {
       el("span", { class: "dim" }, ", free to turn"));
     }
     const found = doubts(store, store.shown);
-    const [assumed, onLines] = ["stiffness-assumed", "held-by-lines"]
+    const [assumed, onLines, beyond] = ["stiffness-assumed", "held-by-lines", "force-limits"]
       .map((name) => result.notes.find(({ code }) => code === name)?.message);
     const words = [onLines, ...found.map(({ kind, words: own }) =>
       (kind === "assumed" && assumed ? `${own}: ${assumed}` : own))].filter(Boolean);
     doubt.hidden = !words.length;
     doubt.textContent = words.join("; ");
     doubt.title = found.some(({ kind }) => kind === "illustrative") ? store.hello.mechanism.source : "";
-    advice.textContent = plainly(verdict.advice ?? "");
-    advice.hidden = !verdict.advice;
+    const said = [beyond?.replace(/^b/, "B"), verdict.advice].filter(Boolean);
+    advice.textContent = plainly(said.join(". "));
+    advice.hidden = !said.length;
   }
 
   store.on("numbers", () => {

@@ -123,7 +123,8 @@ export function notesCard(store) {
   store.on("numbers", () => {
     const { doubts, result } = store.numbers;
     const rank = ({ code }) => (doubts.includes(code) ? doubts.indexOf(code) : doubts.length);
-    const found = result.notes.filter(({ code }) => code !== "kf-undefined" || store.shown.connection === "F")
+    const elsewhere = store.shown.connection === "F" ? ["force-limits"] : ["force-limits", "kf-undefined"];
+    const found = result.notes.filter(({ code }) => !elsewhere.includes(code))
       .toSorted((a, b) => rank(a) - rank(b));
     notes.replaceChildren(...found.map(({ message }) => el("li", {},
       plainly(`${message[0].toUpperCase()}${message.slice(1)}`))));
