@@ -60,7 +60,8 @@ export function legendOf(facts) {
   }
   if (facts.centres?.shown === false) miss("centres", facts.centres);
   if (held?.shown) say("held", `forces on M that the drives hold: ${inLength(length.bar, length.unit)} = `
-    + engineering(held.per_length * length.bar, held.unit, 3), "Without a moment, beside the weight; the ball is the load");
+    + engineering(held.per_length * length.bar, held.unit, 3),
+  "Without a moment, beside the weight; the ball is the load");
   else if (held) miss("forces that the drives hold", held);
   if (nodal) say("nodal", `${nodal.name}, ${short(nodal.value, 3)} Hz${nodal.shown
     ? `, pitch ${engineering(nodal.pitch, length.unit, 3)}` : ` not drawn: ${nodal.reason}`}`);
