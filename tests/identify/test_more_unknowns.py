@@ -196,3 +196,42 @@ def test_cables_that_only_preload_keeps_taut_are_named():
             t = L @ np.linalg.solve(L.T @ L, body)  # springs are equal, nearly
             if abs(t[leg]) > 5.0:
                 assert (row in found) == (t[leg] < 0.0)
+
+
+@pytest.mark.parametrize("kind", ["link", "beam", "polynomial", "six legs", "cables"])
+def test_derivatives_by_compliances_are_differences_of_the_energy_s(kind, tmp_path):
+    """Forces and stiffness of every compliance, where the springs are deflected."""
+    if kind in ("six legs", "cables"):
+        elastic = cartstiff.load({"six legs": "cubic", "cables": "cable-robot"}[kind])
+        elastic = cartstiff.analyse(elastic).elastic
+        step = np.full(6, 1e-3)
+    else:
+        extra = {"link": LINK.format(name="base"), "beam": BEAM, "polynomial": ""}[kind]
+        path = arm("elbow", tmp_path, extra=extra)
+        if kind == "polynomial":
+            text = path.read_text("utf-8").replace(
+                "j2: {stiffness: 25000.0}", "j2: {polynomial: [2.5e+4, 0.0, 3.0e+6]}"
+            )
+            path.write_text(text, "utf-8")
+        elastic = load(path).with_springs(
+            rest=dict.fromkeys(("j1", "j2", "j3", "j4", "j5", "j6"), 0.0)
+        )
+        step = np.linspace(1e-3, 3e-3, len(elastic.q))
+    posture = elastic.mechanism.at(elastic.q + step)
+    for key, number in elastic.compliances.items():
+        *both, factor = elastic.softened(key)
+        more, less = (term.evaluate(posture) for term in both)
+        own = elastic.compliances[key.partition("*")[0]].value
+        size = number.value or 1e-3 * own or 1e3  # an entry, or a coefficient, of zero
+        for part in ("gradient", "hessian"):
+
+            def there(h, key=key, part=part, size=size, own=number.value):
+                changed = elastic.with_compliances({key: own + h * size})
+                terms = (changed.springs, *changed.potentials)
+                return sum(getattr(t.evaluate(posture), part) for t in terms)
+
+            wanted = (8 * (there(1e-3) - there(-1e-3)) - there(2e-3) + there(-2e-3)) / (
+                12e-3 * size
+            )
+            got = factor * (getattr(more, part) - getattr(less, part))
+            assert got == pytest.approx(wanted, rel=1e-6, abs=1e-6 * np.abs(wanted).max()), key

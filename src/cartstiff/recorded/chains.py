@@ -645,6 +645,7 @@ class ChainNumbers:
         self.J = self.J_q @ self.N
         self.W = given_wrench(tape, case, self.kinematics.pose)
         self.acting = acting(tape, case)
+        self._lagrangian: tuple[Array, Array] | None = None
         self._measure()
         self._evaluate(tape)
 
@@ -800,7 +801,10 @@ class ChainNumbers:
         """
         if vanishes(W):
             return self.hessian
-        return congruence(self.N, self.coordinate_lagrangian(W))
+        if self._lagrangian is None or self._lagrangian[0] is not W:
+            H = congruence(self.N, self.coordinate_lagrangian(W))
+            self._lagrangian = W, H
+        return self._lagrangian[1]
 
     def coordinate_lagrangian(self, W: Array) -> Array:
         """H_L in all coordinates."""

@@ -140,7 +140,7 @@ class JointSprings(Springs):
         if j not in self.laws:
             return super().softened(key, names)
         c = self.laws[j].powers
-        step = _COEFFICIENT_STEP * (abs(c[i]) or 1.0)
+        step = _COEFFICIENT_STEP * abs(c[i] or c[0] or 1.0)
         more, less = (
             self.with_laws(
                 {**self.laws, j: PolynomialLaw((*c[:i], c[i] + s, *c[i + 1 :]))}
