@@ -1,12 +1,8 @@
 """Predictions of displacements under load, and their derivatives by each compliance.
 
-Small loads: with H the stiffness on the motions of a posture, J the body's motion and w
-the weight there, a measured number ``a . xi`` is, and has the derivative,
-
-    a . xi = a^T J x,  H x = J^T W + w,    d(a . xi) / d theta = - y^T dH x,  H y = J^T a
-
-with the exact derivative dH of `Potential.softened`. If the forces follow from the load
-alone (open chains, six legs) the displacement is linear in the compliances.
+Small loads: theory.md, eq. identifiedgradient, with the exact derivatives of
+`Potential.softened`. If the forces follow from the load alone (open chains, six legs) the
+displacement is linear in the compliances.
 """
 
 from __future__ import annotations
@@ -251,6 +247,17 @@ class Model:
             dH = rates(result.elastic, result.posture, forces)
             yield Response(right, inverse_of.matrix @ right, N.T @ dH @ N, N)
 
+    def _moved(self, theta: Array) -> Iterator[tuple[Response, NDArray[np.intp], Array]]:
+        """In each distinct posture the response, places of its numbers, and the motions
+        (n, k) under their loads.
+        """
+        W, weighs, _ = self._loads
+        acting = np.column_stack([W, weighs])
+        place = self._distinct[1][self.observations.row]
+        for k, response in enumerate(self._responses(theta)):
+            rows = np.flatnonzero(place == k)
+            yield response, rows, response.motion @ acting[rows].T
+
     def at(self, theta: Array) -> tuple[Array, Array]:
         """Predictions (m,) and derivatives (m, P).
 
@@ -284,13 +291,9 @@ class Model:
 
     def _at(self, theta: Array) -> tuple[Array, Array]:
         """The same with forces in the springs that do not depend on their stiffness."""
-        W, weighs, _ = self._loads
-        a, place = self.observations.functional, self._distinct[1][self.observations.row]
-        acting = np.column_stack([W, weighs])
+        a = self.observations.functional
         y, A = np.zeros(len(a)), np.zeros((len(a), len(theta)))
-        for k, response in enumerate(self._responses(theta)):
-            rows = np.flatnonzero(place == k)
-            moved = response.motion @ acting[rows].T
+        for response, rows, moved in self._moved(theta):
             back = response.motion[:, :6] @ a[rows].T
             y[rows] = np.einsum("nm,nm->m", response.right[:, :6] @ a[rows].T, moved)
             A[rows] -= np.einsum("nm,pnr,rm->mp", back, response.rates, moved)
@@ -338,17 +341,17 @@ class Model:
 
     def forces_in_lines(self, theta: Array) -> dict[str, Array]:
         """Force (m,) in each line under each number's load."""
-        W, weighs, _ = self._loads
-        acting = np.column_stack([W, weighs])
-        place = self._distinct[1][self.observations.row]
-        elastic, found = self._linear(self.unknowns.mechanism(theta)), dict[str, Array]()
-        for k, response in enumerate(self._responses(theta)):
-            rows = np.flatnonzero(place == k)
-            moved = response.basis @ response.motion @ acting[rows].T
-            for parts in elastic.parts(elastic.mechanism.at(self._distinct[0][k])):
-                forces = parts.stiffness @ parts.rows @ moved
+        elastic, count = (
+            self._linear(self.unknowns.mechanism(theta)),
+            len(self.observations),
+        )
+        found = dict[str, Array]()
+        for response, rows, moved in self._moved(theta):
+            q = self.measured.q[self.observations.row[rows[0]]]
+            for parts in elastic.parts(elastic.mechanism.at(q)):
+                forces = parts.stiffness @ parts.rows @ response.basis @ moved
                 for name, force in zip(parts.names, forces, strict=True):
-                    found.setdefault(name, np.zeros(len(place)))[rows] = force
+                    found.setdefault(name, np.zeros(count))[rows] = force
         return found
 
 
