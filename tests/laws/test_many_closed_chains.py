@@ -202,7 +202,8 @@ def test_what_has_no_arithmetic_says_why(name, change, wrench, why):
 def test_few_postures_are_not_worth_recording():
     elastic = cartstiff.load("five-bar")
     q = starts(elastic, 0.02, 120)
-    assert analyse_many(elastic, q[:99]).path == "engine"
+    assert analyse_many(elastic, q[:19]).path == "engine"
+    assert analyse_many(elastic, q[:20]).path == "portable"
     found = analyse_many(elastic, q)
     assert (found.path, found.fallback) == ("portable", 0)
 

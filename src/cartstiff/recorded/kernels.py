@@ -49,9 +49,11 @@ LARGEST_PROGRAM = 60_000
 COMPILED_CHUNK = 1 << 17
 #: Least number of postures for each thread.
 LEAST_PER_THREAD = 2048
-#: Least number of postures for which closed chains, or postures of lost rank, are
-#: recorded.
+#: Least number of postures of lost rank that are recorded.
 WORTH_RECORDING = 100
+#: Least number of postures for which closed chains are recorded, and those whose links a
+#: load bends: recording takes as long as `cartstiff.analyse` for so many.
+WORTH_CLOSING, WORTH_BENDING = 20, 100
 #: Chunk of postures of closed chains: each step reads their coordinates again.
 CLOSED_CHUNK = 4096
 #: Chunk of postures with terms outside the program: these have n^2 numbers for each
@@ -100,19 +102,23 @@ def _workers(threads: int, rows: int) -> int:
     return max(1, min(threads, rows // LEAST_PER_THREAD))
 
 
-def few_of_closed(elastic: ElasticMechanism, count: int) -> str:
+def few_of_closed(elastic: ElasticMechanism, is_loaded: bool, count: int) -> str:
     """Reason why `cartstiff.analyse` is faster than recording a closed chain;
     empty if not.
     """
-    few = count < WORTH_RECORDING and bool(elastic.mechanism.closures)
-    return f"a closed chain is recorded from {WORTH_RECORDING} postures on" if few else ""
+    bends = is_loaded and elastic.mechanism.virtual
+    least = WORTH_BENDING if bends else WORTH_CLOSING
+    few = count < least and bool(elastic.mechanism.closures)
+    return f"such a closed chain is recorded from {least} postures on" if few else ""
 
 
 def lasting_path(elastic: ElasticMechanism, is_loaded: bool, count: int) -> Backend:
     """The path for `count` postures, independent of kernels that this
     process has cached.
     """
-    answer = few_of_closed(elastic, count) or plan(elastic, given_as(is_loaded))
+    answer = few_of_closed(elastic, is_loaded, count) or plan(
+        elastic, given_as(is_loaded)
+    )
     if isinstance(answer, str):
         return "engine"
     is_compiled = count >= WORTH_COMPILING and has_package("llvmlite")

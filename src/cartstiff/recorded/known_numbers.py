@@ -7,15 +7,19 @@ is found then: kinematics, rest positions and notes from them, all other by `ana
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping
-from dataclasses import dataclass
-from typing import Any, cast
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from cartstiff.core.arrays import NamedArrays, fixed
+from cartstiff.core.arrays import NamedArrays, checked_array, fixed
+from cartstiff.core.errors import InputError
+from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.matrix_names import OF_MANY
+from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.gravity_loads import gravity_loads
@@ -31,6 +35,7 @@ from cartstiff.core.potentials.contract import (
 )
 from cartstiff.core.potentials.line_springs import LineSprings
 from cartstiff.core.potentials.link_springs import CoupledSprings
+from cartstiff.core.potentials.springs import Springs
 from cartstiff.core.stiffness.applied_load import Axes, LoadKind, wrench_in_body
 from cartstiff.core.stiffness.balance import balanced, with_rest_balancing
 from cartstiff.core.stiffness.compute import analyse
@@ -66,25 +71,70 @@ def notes_are_known(elastic: ElasticMechanism, is_loaded: bool) -> bool:
     )
 
 
+def changed(
+    elastic: ElasticMechanism, load: LoadKind, numbers: Mapping[str, ArrayLike]
+) -> tuple[ElasticMechanism, LoadKind]:
+    """A mechanism, and a kind of load, with other numbers of a program's inputs."""
+    # Each replaces what the mechanism has; a payload hangs on the tool.
+    if "tcp" in numbers:
+        x, chain = np.ravel(numbers["tcp"]), cast(Chain, elastic.mechanism)
+        moved = chain.with_tool(se3.from_roll_pitch_yaw(x[:3], x[3:]))
+        elastic = replace(elastic, mechanism=moved)
+    if "load_at" in numbers:
+        load = LoadKind(load.kind, numbers["load_at"])  # type: ignore[arg-type]
+    if "payload" in numbers:
+        mass, *centre = np.ravel(numbers["payload"]).tolist()
+        elastic = elastic.with_payload(mass, centre) if mass else elastic
+    if numbers.keys() & {"stiffness", "rest"}:
+        springs = springs_of(elastic)
+        each = {"stiffness": springs.stiffness, "rest": springs.rest, **numbers}
+        count = len(springs.stiffness)
+        new = (
+            checked_array(each[n], (count,), n, finite=False)
+            for n in ("stiffness", "rest")
+        )
+        elastic = replace(elastic, springs=springs.replaced(*new))
+    return elastic, load
+
+
+def springs_of(elastic: ElasticMechanism) -> Springs:
+    """The springs of joints or lines; InputError if there are none."""
+    if elastic.springs is None:
+        raise InputError(
+            f"{elastic.name} has no springs of joints or lines", where="inputs"
+        )
+    return elastic.springs
+
+
 @dataclass
 class Question:
-    """A question to `analyse`."""
+    """A question to `analyse`, which has what a posture reads beside its numbers.
+
+    `numbers` replace those of the mechanism and of the load.
+    """
 
     elastic: ElasticMechanism
     q: Array
     wrench: Array | None
     load: LoadKind
     axes: Axes
+    numbers: Mapping[str, ArrayLike] = field(default_factory=dict)
+    names: ClassVar[Container[str]] = {one.name for one in fields(PostureStiffness)}
+
+    def find(self, name: str, posture: PostureStiffness) -> Any:  # noqa: ARG002
+        """An attribute of the posture, by its name."""
+        return getattr(self.core, name)
 
     @cached_property
     def core(self) -> PostureStiffness:
         """Its answer."""
+        elastic, load = changed(self.elastic, self.load, self.numbers)
         given: dict[str, Any] = {}
         if self.wrench is not None:
             given = {"wrench": self.wrench, "load_axes": self.axes}
-        if self.wrench is not None or self.elastic.may_be_loaded:
-            given |= {"load_kind": self.load.kind, "load_at": self.load.at}
-        return analyse(self.elastic, self.q, **given)
+        if self.wrench is not None or elastic.may_be_loaded:
+            given |= {"load_kind": load.kind, "load_at": load.at}
+        return analyse(elastic, self.q, **given)
 
 
 @dataclass

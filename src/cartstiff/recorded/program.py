@@ -14,9 +14,9 @@ import math
 import os
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, ClassVar, Literal, TypedDict, Unpack
+from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,11 +26,9 @@ from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError, UndefinedError, check_name
 from cartstiff.core.geometry.connections import Connection
 from cartstiff.core.geometry.se3 import Array
-from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
-    Axes,
     LoadKind,
     checked_load,
 )
@@ -48,7 +46,7 @@ from cartstiff.recorded.assembly import Assembly, one_posture
 from cartstiff.recorded.closed_chains import settle
 from cartstiff.recorded.execution import Kernel, OnePosture
 from cartstiff.recorded.kernels import has_package, kernel_of
-from cartstiff.recorded.known_numbers import Question, with_numbers
+from cartstiff.recorded.known_numbers import Question, springs_of, with_numbers
 from cartstiff.recorded.own_outputs import Function, OwnOutputs
 from cartstiff.recorded.plans import CLOSING, SETTLING, TracedModel, program_for
 from cartstiff.recorded.postures import REGULAR, Postures
@@ -58,7 +56,7 @@ from cartstiff.recorded.quantities import (
     check_used,
     choose_quantities,
 )
-from cartstiff.recorded.recording import Recording, changed, shapes_of, springs_of
+from cartstiff.recorded.recording import Recording, shapes_of
 from cartstiff.recorded.source_steps import Before
 from cartstiff.recorded.sources import WRITERS, Facts
 from cartstiff.recorded.tape import Program as Tape
@@ -114,28 +112,6 @@ class _Outputs(Mapping[str, Array]):
 
     def __len__(self) -> int:
         return len(self._places)
-
-
-@dataclass
-class _ByAnalyse:
-    """Whatever is read of a program's posture beside its outputs."""
-
-    elastic: ElasticMechanism
-    load: LoadKind
-    axes: Axes
-    q: Array
-    given: Mapping[str, Array]
-    names: ClassVar[Collection[str]] = {one.name for one in fields(PostureStiffness)}
-
-    def find(self, name: str, posture: PostureStiffness) -> Any:  # noqa: ARG002
-        """An attribute of the posture, by its name."""
-        return getattr(self._core, name)
-
-    @cached_property
-    def _core(self) -> PostureStiffness:
-        elastic, load = changed(self.elastic, self.load, self.given)
-        wrench = self.given.get("wrench")
-        return Question(elastic, self.q, wrench, load, self.axes).core
 
 
 class Program(Recording):
@@ -293,10 +269,9 @@ class Program(Recording):
     ) -> PostureStiffness:
         """A posture whose outputs are known; the rest is found when it is read."""
         record.flags.writeable, q = False, fixed(q)
-        outputs = _Outputs(places, record)
+        outputs, acting = _Outputs(places, record), (self.load, self.load_axes)
+        question = Question(self.elastic, q, given.get("wrench"), *acting, given)
         if is_plain and NOTEWORTHY in places:  # then there are all numbers
-            wrench = given.get("wrench")
-            question = Question(self.elastic, q, wrench, self.load, self.load_axes)
             return with_numbers(question, q, outputs.existing())
         known: dict[str, Any] = {"q": q, "is_plain": is_plain, "_outputs": outputs}
         known["state"] = state
@@ -304,8 +279,7 @@ class Program(Recording):
             known[name] = outputs[name]
         if is_plain and "energy" in places:
             known["energy"] = float(outputs["energy"])
-        later = _ByAnalyse(self.elastic, self.load, self.load_axes, q, given)
-        return PostureStiffness.of_numbers(known, later)
+        return PostureStiffness.of_numbers(known, question)
 
     def _refuse(self, wrench: ArrayLike | None) -> None:
         if wrench is None:

@@ -17,19 +17,15 @@ import math
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.core.arrays import checked_array
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError, MissingDependencyError, UnknownNameError
-from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.se3 import Array
-from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.core.potentials.springs import Springs
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
     Axes,
@@ -66,6 +62,7 @@ from cartstiff.recorded.kernels import (
     kernel_of,
     run,
 )
+from cartstiff.recorded.known_numbers import changed
 from cartstiff.recorded.own_outputs import OwnOutputs
 from cartstiff.recorded.plans import (
     Case,
@@ -503,44 +500,9 @@ class Recording:
         return changed(self.elastic, self.load, own)
 
 
-def changed(
-    elastic: ElasticMechanism, load: LoadKind, numbers: Mapping[str, ArrayLike]
-) -> tuple[ElasticMechanism, LoadKind]:
-    """A mechanism, and a kind of load, with other numbers of a program's inputs."""
-    # Each replaces what the mechanism has; a payload hangs on the tool.
-    if "tcp" in numbers:
-        x, chain = np.ravel(numbers["tcp"]), cast(Chain, elastic.mechanism)
-        moved = chain.with_tool(se3.from_roll_pitch_yaw(x[:3], x[3:]))
-        elastic = replace(elastic, mechanism=moved)
-    if "load_at" in numbers:
-        load = LoadKind(load.kind, numbers["load_at"])  # type: ignore[arg-type]
-    if "payload" in numbers:
-        mass, *centre = np.ravel(numbers["payload"]).tolist()
-        elastic = elastic.with_payload(mass, centre) if mass else elastic
-    if numbers.keys() & {"stiffness", "rest"}:
-        springs = springs_of(elastic)
-        each = {"stiffness": springs.stiffness, "rest": springs.rest, **numbers}
-        count = len(springs.stiffness)
-        new = (
-            checked_array(each[n], (count,), n, finite=False)
-            for n in ("stiffness", "rest")
-        )
-        elastic = replace(elastic, springs=springs.replaced(*new))
-    return elastic, load
-
-
 def _blocks(count: int, length: int) -> Iterator[slice]:
     """Parts of `count` rows."""
     return (slice(i, i + length) for i in range(0, count, max(length, 1)))
-
-
-def springs_of(elastic: ElasticMechanism) -> Springs:
-    """The springs of joints or lines; InputError if there are none."""
-    if elastic.springs is None:
-        raise InputError(
-            f"{elastic.name} has no springs of joints or lines", where="inputs"
-        )
-    return elastic.springs
 
 
 def shapes_of(elastic: ElasticMechanism) -> dict[str, tuple[int, ...]]:
@@ -674,8 +636,8 @@ def arrays_of_many(
 
     `how` as further arguments of `Recording.postures`.
     """
-    reason = few_of_closed(elastic, len(q)) if path == "auto" else ""
     acting = loads is not None, load, axes
+    reason = few_of_closed(elastic, acting[0], len(q)) if path == "auto" else ""
     backend: Backend = "engine" if reason else path
     recording = Recording(elastic, names, NOTHING, *acting, backend=backend)
     recording.reason = reason or recording.reason
