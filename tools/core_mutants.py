@@ -37,8 +37,9 @@ from typing import Any, NamedTuple
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-CORE = ROOT / "src" / "cartstiff"
-sys.path.insert(0, str(CORE.parent))
+PACKAGE = ROOT / "src" / "cartstiff"
+CORE = PACKAGE / "core"
+sys.path.insert(0, str(PACKAGE.parent))
 ROOMS = ("geometry", "potentials", "mechanisms", "stiffness", "statics", "numerics")
 TESTS = ("oracles", "published", "mechanisms", "laws")
 #: Files that reach the core through programs, pages and commands, and take long.
@@ -213,7 +214,7 @@ def drawn(count: int, seed: int) -> list[Mutant]:
 
 def put_in(mutant: Mutant) -> int:
     """Replace the code of a mutant's function wherever it is held; how many functions that are."""
-    place = mutant.path.relative_to(CORE.parent).with_suffix("")
+    place = mutant.path.relative_to(PACKAGE.parent).with_suffix("")
     import_module(".".join(place.parts))
     module, name = mutant.code(), mutant.function.split(".")
     for part in name:

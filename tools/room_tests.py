@@ -2,8 +2,9 @@
 
     python tools/room_tests.py ROOM [--most N]
 
-A file is near by the names that it imports, publicly or through `tests/inner.py`, which live in the
-room: by their share, and by their number. A folder of tests with the room's name comes first.
+A room is a folder of src/cartstiff at any depth, by its name: statics, or core with all its rooms.
+A file is near by the names that it imports, publicly, by doors or through `tests/inner.py`, which
+live in the room: by their share, and by their number. A folder of tests with its name comes first.
 """
 
 from __future__ import annotations
@@ -24,19 +25,19 @@ def _imports(path: Path) -> list[tuple[str, str]]:
     return [("." * n.level + (n.module or ""), a.name) for n in found for a in n.names]
 
 
-def homes() -> dict[str, str]:
-    """The room of each name that tests import."""
+def homes() -> dict[str, set[str]]:
+    """The rooms, from the outermost on, of each name that tests import."""
     found = {}
-    for stub in [PACKAGE / "__init__.pyi", *PACKAGE.glob("*/__init__.pyi")]:
-        own = "" if stub.parent == PACKAGE else stub.parent.name
-        for module, name in _imports(stub):
-            found[name] = own or module.lstrip(".").partition(".")[0]
+    for stub in PACKAGE.glob("*.pyi"):
+        found |= {name: set(module.lstrip(".").split(".")) for module, name in _imports(stub)}
     sys.path.insert(0, str(ROOT))
-    from tests.inner import HOMES
+    from tests import doors, inner
 
-    for module, names in HOMES.items():
-        for name in names.split():
-            found[name.partition("=")[0]] = module.partition(".")[0] or name
+    listed = {module: names.split() for module, names in inner.HOMES.items()}
+    for module, names in [*doors.table().items(), *listed.items()]:
+        for name in names:
+            word = name.partition("=")[0]
+            found[word] = {*module.split("."), word}
     return found
 
 
@@ -46,7 +47,7 @@ def nearest(room: str, most: int) -> list[Path]:
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         ours = ("cartstiff", "tests")
         names = [name for module, name in _imports(path) if module.partition(".")[0] in ours]
-        own = sum(at.get(name) == room for name in names)
+        own = sum(room in at.get(name, ()) for name in names)
         is_home = path.parent.name == room
         if own or is_home:
             near.append((not is_home, -own * own / max(len(names), 1), path))
@@ -55,10 +56,10 @@ def nearest(room: str, most: int) -> list[Path]:
 
 def main() -> None:
     """Print them on one line."""
-    rooms = sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
+    rooms = sorted({path.parent.name for path in PACKAGE.rglob("*/*.py")})
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("room", choices=rooms)
-    parser.add_argument("--most", type=int, default=20)
+    parser.add_argument("--most", type=int, default=12)
     options = parser.parse_args()
     print(*nearest(options.room, options.most))
 
