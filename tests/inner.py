@@ -17,55 +17,22 @@ HOMES = {
         asymmetry centres congruence deflection ellipsoids indices matrices metrics
         posture screws tolerances
     """,
-    "answer.analysis.asymmetry": "asymmetry_of",
-    "answer.analysis.centres": """
-        centre_of_compliance centre_of_elasticity centre_of_stiffness normal_form
-        point_of_least_coupling
-    """,
-    "answer.analysis.deflection": "compliance_deflection displacement_of_point joint_shares",
-    "answer.analysis.ellipsoids": """
-        Freedom MatrixPair Others compliance_block compliance_ellipsoid ellipsoid
-        principal_pairs stiffness_block
-    """,
-    "answer.analysis.indices": "isotropy",
     "answer.analysis.matrices": """
-        Definiteness ROTATION TRANSLATION loss_of_elimination move_compliance
-        move_stiffness scale_lengths stiffnesses_of_motions with_angles_times
+        Definiteness loss_of_elimination stiffnesses_of_motions with_angles_times
     """,
-    "answer.analysis.metrics": """
-        characteristic_length inertia_metric length_from_inertia length_metric
-        length_of_pair modes
-    """,
-    "answer.analysis.parameters": "Parameters largest",
-    "answer.analysis.posture": "PostureMatrices Reading summarise",
-    "answer.analysis.principal": "block_ellipsoid",
-    "answer.analysis.screws": """
-        SWAP_FORM screw_of_twist screw_of_wrench twist_compliant_axes
-        wrench_compliant_axes
-    """,
+    "answer.analysis.metrics": "modes",
+    "answer.analysis.parameters": "largest",
     "answer.analysis.sections": "numbers unit_of",
-    "answer.analysis.tolerances": "Uncertain shares_of",
     "answer.doubts": "WEIGHTS doubts_of",
     "answer.equilibrium": "STABILITY",
     "answer.posture": "answer_at parts_of_links",
     "answer.verdict": "RULES decide",
-    "answer.vibration.controllers": "double_diagonalisation square_root_damping",
-    "answer.vibration.response": "damping_matrix poles transmissibility",
     "answer.vibration.sensitivities": "MATRICES",
     "core.arrays": "arrays_Array=Array safe_cell",
     "core.described": "SIGNS",
-    "core.geometry.charts": "Chart exponential product_of_exponentials",
-    "core.geometry.connections": "Field flat",
     "core.geometry.se3": "adjoint exp log right_jacobian se3_inverse=inverse",
     "core.mechanisms": "chain tree",
-    "core.mechanisms.clearances": "distances_of_segments",
-    "core.mechanisms.limits": "tensions_of",
-    "core.mechanisms.tree": "TreeState",
     "core.numerics": "CONSTRAINT_TOLERANCE threads",
-    "core.numerics.shortest": "shortest_above",
-    "core.potentials.beams": "stability_functions",
-    "core.potentials.functions": "TaylorCheck",
-    "core.potentials.loads": "SemitangentialWrench",
     "core.statics": "problem",
     "core.stiffness": "compute motions posture_notes reduction",
     "core.stiffness.motions": "Problem _inverse motions_motions=motions",
@@ -89,15 +56,13 @@ HOMES = {
     "files.passes": "ASSUMED_STIFFNESS",
     "files.platform_schema": "PlatformFile",
     "files.published": "published_springs",
-    "files.readers": "read_robot_description",
     "files.ros": "Ros",
     "files.ros_packages": "package_folders search_path",
     "files.schema": "ClosedChainFile SerialFile",
     "files.struts.mounted_struts": "MountedStruts",
     "files.tables": "head_of read_rows",
-    "files.tree_building": "merged tree_building_Give=Give",
+    "files.tree_building": "tree_building_Give=Give",
     "files.visuals": "visuals_of",
-    "files.yaml_file": "read_yaml",
     "kinematics.joint_poses": """
         PlatformPoses distinct joint_poses_Kinematics=Kinematics pose_errors
     """,
@@ -183,8 +148,7 @@ HOMES = {
     "wings.identify.identification": "with_result written_values",
     "wings.identify.measurements": "DISPLACEMENT measurements_ROTATION=ROTATION table_text",
     "wings.identify.models": "LoadedModel Model model_of",
-    "wings.identify.plan": "candidates information plan_plan=plan",
-    "wings.identify.unknowns": "unknowns_of",
+    "wings.identify.plan": "information plan_plan=plan",
     "wings.identify.written_file": "_put_joints _yaml keys_to_write mechanism_file",
     "wings.maps": "cartesian described sampling store",
     "wings.maps.designs.run": "Design Designs StudyEvaluator",
@@ -199,7 +163,7 @@ HOMES = {
     "wings.reach.answer": "answer_of_workspace",
     "wings.reach.architecture": "architecture_of orientation_rank",
     "wings.reach.platform_assembly": "poses_of_lengths",
-    "wings.reach.workspace": "LegMargins Margins around carried lines_at wrench_margins",
+    "wings.reach.workspace": "LegMargins around carried wrench_margins",
     "wings.toolpaths.answer": "answer_of_compensation answer_of_curve answer_of_path",
     "wings.toolpaths.better": "LoadedPostures better_posture",
     "wings.toolpaths.better_answer": "better_statements",

@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 import pytest
-from tests.doors import LOAD_KINDS
-from tests.inner import PostureMatrices, Reading, numbers, summarise, unit_of
+from tests.doors import LOAD_KINDS, PostureMatrices, Reading, summarise
+from tests.inner import numbers, unit_of
 from tests.support.robots import bundled_files, example_robots
 
 import cartstiff

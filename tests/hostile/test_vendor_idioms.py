@@ -3,7 +3,8 @@
 import math
 
 import pytest
-from tests.inner import Ros, read_robot_description
+from tests.doors import read_robot_description
+from tests.inner import Ros
 
 pytest.importorskip("xacro")
 

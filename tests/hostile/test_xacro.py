@@ -11,7 +11,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.inner import Ros, read_robot_description, ros
+from tests.doors import read_robot_description
+from tests.inner import Ros, ros
 from tests.support.memory import megabytes_of_children
 
 from cartstiff import InputError

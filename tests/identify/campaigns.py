@@ -9,7 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tests.inner import candidates, model_of, read_yaml, unknowns_of
+from tests.doors import candidates, read_yaml, unknowns_of
+from tests.inner import model_of
 from tests.support.robots import bundled_files
 
 import cartstiff

@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests.doors import displacement_between
+from tests.doors import candidates, displacement_between
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, simulated, table_of
 from tests.identify.neighbours import neighbours
-from tests.inner import candidates, with_result
+from tests.inner import with_result
 from tests.support.commands import run
 
 import cartstiff

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from scipy import stats
+from tests.doors import unknowns_of
 from tests.identify.campaigns import LOOP_UNKNOWNS, bent_loop
-from tests.inner import unknowns_of
 
 from cartstiff.identify import identify
 

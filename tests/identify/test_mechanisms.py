@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.doors import candidates, unknowns_of
 from tests.identify.campaigns import (
     SPRINGS,
     arm,
@@ -19,7 +20,7 @@ from tests.identify.campaigns import (
     table_of,
     write_table,
 )
-from tests.inner import LoadedModel, Model, candidates, unknowns_of
+from tests.inner import LoadedModel, Model
 from tests.support.robots import bundled_files
 
 import cartstiff

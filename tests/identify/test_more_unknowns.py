@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.doors import candidates, unknowns_of
 from tests.identify.campaigns import arm, load, simulated
-from tests.inner import candidates, keys_to_write, mechanism_file, unknowns_of, written_values
+from tests.inner import keys_to_write, mechanism_file, written_values
 
 import cartstiff
 from cartstiff import InputError

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.doors import candidates, unknowns_of
 from tests.identify.campaigns import SPRINGS, arm, load, simulated
-from tests.inner import Model, candidates, information, linear_fit, table_text, unknowns_of
+from tests.inner import Model, information, linear_fit, table_text
 from tests.inner import plan_plan as plan
 from tests.support.commands import answer, run
 

@@ -6,8 +6,9 @@ import json
 
 import numpy as np
 import pytest
+from tests.doors import candidates, unknowns_of
 from tests.identify.campaigns import SPRINGS, arm, jacobian, load, measurements, simulated, table_of
-from tests.inner import LoadedModel, Model, candidates, unknowns_of
+from tests.inner import LoadedModel, Model
 from tests.inner import plan_plan as plan
 from tests.support.commands import answer, run
 

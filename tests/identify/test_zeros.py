@@ -7,13 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.doors import candidates, unknowns_of
 from tests.identify.campaigns import measurements, simulated, write_table
-from tests.inner import (
-    candidates,
-    rates_by_step,
-    unknowns_of,
-)
 from tests.inner import plan_plan as plan
+from tests.inner import rates_by_step
 from tests.support.commands import run
 from tests.support.printed import text_of
 

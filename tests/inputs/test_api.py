@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.doors import LabelledResult
-from tests.inner import read_yaml
+from tests.doors import LabelledResult, read_yaml
 
 import cartstiff
 from cartstiff import InputError

@@ -6,8 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from mpmath import mpf
-from tests.doors import checked_array, checked_pose, checked_unit, real_array
-from tests.inner import move_stiffness
+from tests.doors import checked_array, checked_pose, checked_unit, move_stiffness, real_array
 from tests.support.commands import refuses
 
 import cartstiff

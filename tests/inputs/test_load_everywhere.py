@@ -7,8 +7,7 @@ import click
 import numpy as np
 import pytest
 from scipy.optimize import linprog
-from tests.doors import LegLimits
-from tests.inner import lines_at
+from tests.doors import LegLimits, lines_at
 from tests.support.commands import COMMANDS, answer
 from tests.support.commands import command as cartstiff_command
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import read_yaml
+from tests.doors import read_yaml
 
 import cartstiff
 from cartstiff import InputError

@@ -8,16 +8,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import (
-    Assembly,
-    ClosedChainFile,
-    Lifted,
-    Part,
-    SerialFile,
-    joints,
-    passes,
-    read_robot_description,
-)
+from tests.doors import read_robot_description
+from tests.inner import Assembly, ClosedChainFile, Lifted, Part, SerialFile, joints, passes
 from tests.mechanisms.machines import joint, masses, write_file, write_urdf
 
 import cartstiff

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.inner import SerialFile, bare, read_yaml
+from tests.doors import read_yaml
+from tests.inner import SerialFile, bare
 from tests.support.robots import bundled_files
 
 import cartstiff

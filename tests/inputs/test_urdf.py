@@ -403,7 +403,8 @@ def test_a_hand_alone_is_all_fingers(accepted):
     ],
 )
 def test_default_frame_of_example_robots(name, frame, tmp_path):
-    from tests.inner import default_frame, read_robot_description
+    from tests.doors import read_robot_description
+    from tests.inner import default_frame
 
     path = example_robots()[name]
     assert path is not None

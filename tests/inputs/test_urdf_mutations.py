@@ -6,7 +6,8 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import Part, SerialFile, cut, read_robot_description
+from tests.doors import read_robot_description
+from tests.inner import Part, SerialFile, cut
 from tests.support.robots import bundled_files, example_robots
 
 from cartstiff import InputError

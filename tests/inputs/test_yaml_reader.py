@@ -3,7 +3,8 @@
 import pytest
 from ruamel.yaml import YAML
 from tests.docs.blocks import ROOT
-from tests.inner import _yaml, read_yaml
+from tests.doors import read_yaml
+from tests.inner import _yaml
 
 from cartstiff import InputError
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.inner import (
+from tests.doors import (
     SWAP_FORM,
     Freedom,
     Others,
@@ -20,7 +20,6 @@ from tests.inner import (
     ellipsoid,
     inertia_metric,
     length_metric,
-    modes,
     move_compliance,
     move_stiffness,
     normal_form,
@@ -30,6 +29,7 @@ from tests.inner import (
     twist_compliant_axes,
     wrench_compliant_axes,
 )
+from tests.inner import modes
 
 import cartstiff
 from cartstiff import UndefinedError, analyse_posture

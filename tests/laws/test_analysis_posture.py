@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.doors import LETTERS, Posture
-from tests.inner import Parameters, Uncertain, joint_shares, numbers
+from tests.doors import LETTERS, Parameters, Posture, Uncertain, joint_shares
+from tests.inner import numbers
 from tests.support import adjoint_reference, body_jacobian, frame_pose, loaded_arm
 from tests.support.printed import text_of
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
-from tests.inner import Chart, exponential, product_of_exponentials
+from tests.doors import Chart, exponential, product_of_exponentials
 from tests.support import (
     exp_reference,
     general_legs,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
-from tests.doors import NAMED
-from tests.inner import Field, exponential, flat
+from tests.doors import NAMED, Field, exponential, flat
 from tests.support import (
     adjoint_reference,
     bracket_reference,

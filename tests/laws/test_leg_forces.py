@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.doors import LoadKind, with_rest_balancing
-from tests.inner import Margins, carried
+from tests.doors import LoadKind, Margins, with_rest_balancing
+from tests.inner import carried
 from tests.mechanisms.machines import write_file
 from tests.support.pages import message_of, source_of, tab_of
 from tests.view.conftest import NoPicture

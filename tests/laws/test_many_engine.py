@@ -17,8 +17,9 @@ from tests.doors import (
     Struts,
     TabulatedLaw,
     plain_tree,
+    tensions_of,
 )
-from tests.inner import OUTPUTS, PortableKernel, Tape, deflection_for, tensions_of
+from tests.inner import OUTPUTS, PortableKernel, Tape, deflection_for
 from tests.support import add_frame, random_pose, serial_model
 
 import cartstiff

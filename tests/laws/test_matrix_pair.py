@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.inner import (
+from tests.doors import (
     ROTATION,
     TRANSLATION,
     MatrixPair,

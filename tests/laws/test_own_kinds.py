@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.inner import Parameters, ViewerNode, exp, log
+from tests.doors import Parameters
+from tests.inner import ViewerNode, exp, log
 from tests.inner import se3_inverse as inverse
 from tests.view.viewer import Viewer
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import displacement_of_point, move_stiffness, screw_of_twist, screw_of_wrench
+from tests.doors import displacement_of_point, move_stiffness, screw_of_twist, screw_of_wrench
 
 import cartstiff
 from cartstiff import DeadWrench, FollowerWrench, InputError, inverse_kinematics

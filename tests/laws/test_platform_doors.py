@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from tests.doors import LoadKind
-from tests.inner import Margins
+from tests.doors import LoadKind, Margins
 from tests.mechanisms.machines import write_file
 from tests.support.generated import Arm
 from tests.support.pages import message_of, source_of, tab_of

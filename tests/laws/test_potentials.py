@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.doors import PolynomialLaw, TabulatedLaw
-from tests.inner import TaylorCheck
+from tests.doors import PolynomialLaw, TabulatedLaw, TaylorCheck
 from tests.support import bend, hessian_of, seeds, slope
 
 from cartstiff import InputError, JointFunction, JointSprings, PoseFunction

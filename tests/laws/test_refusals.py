@@ -16,14 +16,16 @@ from tests.doors import (
     Units,
     checked_vector,
     convert_length,
+    flat,
     line_geometry,
     named_values,
     one_line,
     plain_tree,
+    product_of_exponentials,
     write_whole,
 )
-from tests.inner import flat, product_of_exponentials, write_json
 from tests.inner import tree_building_Give as Give
+from tests.inner import write_json
 from tests.support import (
     add_frame,
     general_legs,

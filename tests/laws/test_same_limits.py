@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.doors import checked_load
-from tests.inner import LegMargins, Margins, carried
+from tests.doors import Margins, checked_load
+from tests.inner import LegMargins, carried
 from tests.inputs.test_every_key import SPRINGS
 from tests.mechanisms.machines import write_file
 from tests.support.pages import message_of, source_of, tab_of

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import nnls
-from tests.inner import shortest_above
+from tests.doors import shortest_above
 
 
 def by_least_squares(G, g):

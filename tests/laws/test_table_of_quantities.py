@@ -11,14 +11,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from tests.doors import LoadKind
+from tests.doors import LoadKind, compliance_ellipsoid
 from tests.inner import (
     FREQUENCIES,
     READINGS,
     ManyModes,
     Settings,
     choose_quantities,
-    compliance_ellipsoid,
     evaluate,
     needed_outputs,
     unit_of,

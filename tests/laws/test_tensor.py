@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
-from tests.doors import NAMED, Units, convert_length, format_matrix
-from tests.inner import Field
+from tests.doors import NAMED, Field, Units, convert_length, format_matrix
 from tests.support import (
     adjoint_reference,
     cross_matrix,

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import compliance_deflection, read_path_file
+from tests.doors import compliance_deflection
+from tests.inner import read_path_file
 from tests.machining import planar
 from tests.support import frame_pose, loaded_arm
 from tests.support.robots import example_robots

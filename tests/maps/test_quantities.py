@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.doors import LoadKind
+from tests.doors import LoadKind, PostureMatrices, summarise
 from tests.inner import (
     BUILT_IN,
     CHECKSUM,
     STATES,
-    PostureMatrices,
     Settings,
     choose_quantities,
     evaluate,
@@ -21,7 +20,6 @@ from tests.inner import (
     prepare_map,
     reduction,
     stiffnesses_of_motions,
-    summarise,
     with_angles_times,
 )
 from tests.support import loaded_arm, paper_platform

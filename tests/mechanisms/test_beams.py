@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from tests.doors import Section, evaluate_together
-from tests.inner import stability_functions
+from tests.doors import Section, evaluate_together, stability_functions
 from tests.mechanisms.bars import EI, SECTION, bar, load_bar
 from tests.mechanisms.machines import codes
 from tests.support import cross_matrix, relative_error

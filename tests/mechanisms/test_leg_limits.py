@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
-from tests.doors import Limits
-from tests.inner import distances_of_segments
+from tests.doors import Limits, distances_of_segments
 from tests.inputs.test_every_key import PLATFORM
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_chains_by_letters import CHAINS

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.inner import tensions_of
+from tests.doors import tensions_of
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_flexure_struts import AXIAL, BODY, LAYOUT, LOWER, SAME, UPPER
 from tests.support import gradient_of, relative_error

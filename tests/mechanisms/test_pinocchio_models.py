@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.doors import plain_tree
-from tests.inner import TreeState
+from tests.doors import TreeState, plain_tree
 from tests.support.commands import refuses
 from tests.support.robots import example_robot, visuals_of
 

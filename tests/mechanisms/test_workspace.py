@@ -10,14 +10,8 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
 from scipy.spatial.transform import Rotation
-from tests.doors import DEAD_AT_ORIGIN
-from tests.inner import (
-    LegMargins,
-    Margins,
-    around,
-    lines_at,
-    wrench_margins,
-)
+from tests.doors import DEAD_AT_ORIGIN, Margins, lines_at
+from tests.inner import LegMargins, around, wrench_margins
 from tests.inputs.test_every_key import PLATFORM
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_assembly_modes import FICHTER, MA_ANGELES
@@ -375,7 +369,7 @@ def test_rotations_are_a_share_of_all(machine, found):
     quaternions = rng.normal(size=(20_000, 4))
     quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
     from scipy.spatial.transform import Rotation
-    from tests.inner import Margins
+    from tests.doors import Margins
 
     poses = np.tile(found.pose, (20_000, 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(quaternions).as_matrix()

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.doors import plain
-from tests.inner import (
+from tests.doors import (
     PostureMatrices,
     Reading,
     Uncertain,
@@ -19,7 +18,7 @@ from tests.inner import (
     isotropy,
     joint_shares,
     length_from_inertia,
-    modes,
+    plain,
     product_of_exponentials,
     screw_of_twist,
     screw_of_wrench,
@@ -29,6 +28,7 @@ from tests.inner import (
     twist_compliant_axes,
     wrench_compliant_axes,
 )
+from tests.inner import modes
 from tests.support.printed import text_of
 
 from cartstiff.analysis import (

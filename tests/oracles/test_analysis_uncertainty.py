@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.inner import Parameters, Uncertain, shares_of
+from tests.doors import Parameters, Uncertain, shares_of
 from tests.support import loaded_arm
 from tests.support.printed import text_of
 

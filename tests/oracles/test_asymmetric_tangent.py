@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.inner import (
-    Settings,
-    block_ellipsoid,
-    choose_quantities,
-    evaluate,
-)
+from tests.doors import block_ellipsoid
+from tests.inner import Settings, choose_quantities, evaluate
 from tests.support.pages import numbers_shown, state_of
 from tests.support.printed import text_of
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.inner import Field
+from tests.doors import Field
 from tests.laws.test_connections import covariant_derivative
 from tests.laws.test_tensor import CONNECTIONS
 from tests.support import exp_reference, general_legs, legs_as_platform, slope

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.inner import SemitangentialWrench
+from tests.doors import SemitangentialWrench
 from tests.support import crossed_bars, slope
 
 import cartstiff

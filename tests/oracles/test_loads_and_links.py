@@ -5,8 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.doors import Chain, CoupledSprings, Give, KinematicTree, Scaled, extended, plain_tree
-from tests.inner import VIRTUAL, merged
+from tests.doors import (
+    Chain,
+    CoupledSprings,
+    Give,
+    KinematicTree,
+    Scaled,
+    extended,
+    merged,
+    plain_tree,
+)
+from tests.inner import VIRTUAL
 from tests.support import (
     body_jacobian,
     cross_matrix,

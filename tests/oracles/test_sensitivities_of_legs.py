@@ -5,7 +5,8 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.inner import MATRICES, Parameters, _Question
+from tests.doors import Parameters
+from tests.inner import MATRICES, _Question
 from tests.mechanisms.machines import write_file
 from tests.support.digits import skew
 

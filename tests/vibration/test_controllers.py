@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.inner import double_diagonalisation, square_root_damping
+from tests.doors import double_diagonalisation, square_root_damping
 from tests.support import random_pose
 from tests.support.commands import answer, refuses, run
 

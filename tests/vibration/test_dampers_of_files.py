@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.inner import poles
+from tests.doors import poles
 
 import cartstiff
 from cartstiff.vibration import Damping, frequency_response

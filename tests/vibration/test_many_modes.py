@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import ManyModes, criteria, poles, vibrations
+from tests.doors import poles
+from tests.inner import ManyModes, criteria, vibrations
 from tests.support.read import frequencies
 from tests.vibration.test_modes import column
 

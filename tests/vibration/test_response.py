@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.doors import Units, convert_length
-from tests.inner import damping_matrix, poles, transmissibility
+from tests.doors import Units, convert_length, damping_matrix, poles, transmissibility
 from tests.support import loaded_arm, relative_error
 from tests.support.commands import answer, refuses
 from tests.vibration.test_modes import LENGTH, M_1, K, column

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.doors import Parameters
 from tests.identify.neighbours import neighbours
-from tests.inner import Parameters
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.oracle import ROBOTS
 from tests.support import loaded_arm
