@@ -310,3 +310,16 @@ def test_forces_of_the_picture_are_newtons(tmp_path):
     first = identify(elastic, rows).plot().axes[0]
     assert first.get_xlabel() == "force [N]"
     np.testing.assert_allclose(first.lines[0].get_xdata(), 100.0)
+
+
+def test_a_row_in_which_a_motion_costs_nothing_is_named():
+    """A five-bar of which one motor has no spring."""
+    elastic = cartstiff.load("five-bar")
+    k = elastic.springs.stiffness.copy()
+    k[elastic.names.index("right_motor")] = 0.0
+    one = replace(elastic, springs=elastic.springs.replaced(k, elastic.springs.rest))
+    W = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    measured = measurements(elastic.q[None], W, {"dx": np.zeros(1), "dy": np.zeros(1)})
+    model = Model(unknowns_of(one, ("left_motor",)), measured)
+    with pytest.raises(cartstiff.InputError, match=r"row 1: .*hold the mechanism"):
+        model.at(model.unknowns.nominal)

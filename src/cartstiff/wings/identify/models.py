@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
-from cartstiff.core.errors import CartstiffError, ConvergenceError, InputError
+from cartstiff.core.errors import (
+    CartstiffError,
+    ConvergenceError,
+    InputError,
+    UndefinedError,
+)
 from cartstiff.core.geometry import se3
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
@@ -28,7 +33,7 @@ from cartstiff.core.statics.equilibrium import in_stages
 from cartstiff.core.statics.newton import Solution, solve
 from cartstiff.core.statics.problem import System
 from cartstiff.core.statics.rest import motion_by_compliance
-from cartstiff.core.stiffness.compute import analyse
+from cartstiff.core.stiffness.compute import PostureStiffness, analyse
 from cartstiff.recorded.recording import analyse_many
 from cartstiff.wings.identify.measurements import (
     Measurements,
@@ -229,23 +234,19 @@ class Model:
                 yield Response(right, inverse @ right, dH)
             return
         for row, weight in zip(q, self._weights, strict=True):
-            result = analyse(mechanism, row)
-            free = result.reduction.free
-            inverse_of = None if free is None else free.inverse(result.change_by_load)
-            if free is None or inverse_of is None:
+            try:
+                result = analyse(mechanism, row)
+                N, J, inverse = _held(result)
+            except UndefinedError as error:
                 place = np.flatnonzero((self.measured.q == row).all(axis=1))[0]
-                states = result.reduction.states
-                why = states[-1].message if states else "a motion costs nothing"
                 raise InputError(
-                    f"row {self.measured.rows[place]}: {why}",
+                    f"row {self.measured.rows[place]}: {error}",
                     expected="a posture in which the springs hold the mechanism",
-                )
-            n = len(weight)
-            N = np.eye(n) if free.basis is None else free.basis
-            right = np.column_stack([free.jacobian.T, N.T @ weight])
+                ) from None
+            right = np.column_stack([J.T, N.T @ weight])
             forces = mechanism.chosen_forces(result.elastic, result.posture)
             dH = rates(result.elastic, result.posture, forces)
-            yield Response(right, inverse_of.matrix @ right, N.T @ dH @ N, N)
+            yield Response(right, inverse @ right, N.T @ dH @ N, N)
 
     def _moved(self, theta: Array) -> Iterator[tuple[Response, NDArray[np.intp], Array]]:
         """In each distinct posture the response, places of its numbers, and the motions
@@ -353,6 +354,28 @@ class Model:
                 for name, force in zip(parts.names, forces, strict=True):
                     found.setdefault(name, np.zeros(count))[rows] = force
         return found
+
+
+def _held(result: PostureStiffness) -> tuple[Array, Array, Array]:
+    """The free motions (n, f) of a posture, those of the body (6, f), and the inverse of
+    the stiffness on them.
+
+    Raises
+    ------
+    UndefinedError
+        In an unbalanced posture, or where a motion costs nothing.
+    """
+    free = result.reduction.free
+    inverse = None if free is None else free.inverse(result.change_by_load)
+    if free is None or inverse is None:
+        states = result.reduction.states
+        words = "a motion costs nothing: no linear motion"
+        raise UndefinedError(
+            states[-1].message if states else words,
+            code=states[-1].code if states else "no-shares",
+        )
+    N = np.eye(len(result.q)) if free.basis is None else free.basis
+    return N, free.jacobian, inverse.matrix
 
 
 def is_open_chain(elastic: ElasticMechanism) -> bool:
