@@ -26,8 +26,8 @@ def test_a_logarithmic_colour_bar_says_so(serve, pages):
     cloud = cloud_of(places, values, {"wide": "N/m", "narrow": "N/m"}, 1)
     page = pages.open(serve("ur5", cloud=cloud).url)
     bar = page.locator("#colour-bar")
-    assert bar.inner_text().split("\n")[0] == "wide, N/m, logarithmic"
-    assert bar.locator(".ends").inner_text().split() == ["1", "10000"]
+    assert bar.inner_text().split("\n")[0] == "wide, N/mm, logarithmic"
+    assert bar.locator(".ends").inner_text().split() == ["0.001", "10"]
     changed(page, quantity_of_map="narrow")
     assert bar.inner_text().split("\n")[0] == "narrow, N/m"
 
@@ -41,8 +41,7 @@ def test_a_boundary_is_drawn_in_colours_of_named_limits(serve, pages, tmp_path):
     lines = page.locator("#colour-bar").inner_text().split("\n")
     assert [line.strip("● ") for line in lines] == [
         "limit that cuts",
-        "leg1, most 1.2 m",
-        "leg2, most 1.2 m",
+        "legs at most 1.2 m",
         "singularity",
     ]
     drawn = page.evaluate(

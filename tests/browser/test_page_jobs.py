@@ -308,6 +308,15 @@ def test_the_worst_over_a_trajectory_in_no_action_and_what_is_allowed(pages):
         assert said.startswith("\u2715 Outside")
         newtons = float(said.split("along this one is ")[1].split(" ")[0])
         assert newtons == pytest.approx(100 * allowed / sizes[worst], rel=6e-3)
+        # At rest the equilibrium says it, with what else would end it first.
+        page.wait_for_selector(".enough-card output:has-text('By the equilibrium')")
+        held = cartstiff.capacity(
+            arm, playback.q[worst], wrench=DOWN, load_axes="world", displacement=allowed / 1e3
+        )
+        assert held.by_equilibrium.kind == "displacement"
+        said = hand.reads(".enough-card output").split("By the equilibrium ")[1]
+        assert float(said.split(" ")[0]) == pytest.approx(100 * held.factor, rel=6e-3)
+        assert said.endswith("until the allowed displacement is reached.")
         page.evaluate("(q) => window.cartstiff.goTo(q)", playback.q[0].tolist())
         settled(page)
         assert hand.reads(".enough-card summary span") == "\u2713 inside"
@@ -354,7 +363,7 @@ def test_a_trajectory_is_a_trace_in_colours_where_bright_is_good(pages):
         assert np.array_equal(np.argsort(trace["light"]), np.argsort(-sizes))
         assert trace["words"] == f"worst {sizes[worst]:.3g} mm"
         assert trace["worst"] == pytest.approx(found[worst].pose[:3, 3], abs=1e-4)
-        assert trace["bar"][0] == "deflection along the way: bright is good, mm"
+        assert trace["bar"][0] == "deflection along the way, mm, bright is good"
         assert [float(x) for x in trace["bar"][-2:]] == pytest.approx(
             [sizes.min(), sizes.max()], rel=1e-3
         )
@@ -495,17 +504,70 @@ def test_a_picture_for_a_column_of_85_mm_in_two_actions(hand, tmp_path):
     image = pytest.importorskip("PIL.Image")
     page = hand.page
     shown(page, {"load": DOWN, "load_axes": "world"})
-    for kind in ("mm85", "clear85"):
+    for is_clear in (False, True):
         with page.expect_download() as waiting:
-            page.select_option("select[aria-label='Save the picture']", kind)
-        waiting.value.save_as(tmp_path / f"{kind}.png")
-        with image.open(tmp_path / f"{kind}.png") as picture:
+            if is_clear:
+                printed(page, "picture", 85, clear=True)
+            else:
+                page.select_option("select[aria-label='Save the picture']", "mm85")
+        waiting.value.save_as(tmp_path / "picture.png")
+        with image.open(tmp_path / "picture.png") as picture:
             assert picture.width == round(85 / 25.4 * 300)
             assert picture.info["dpi"] == pytest.approx((300, 300), abs=0.1)
             sky, ground = (
                 picture.convert("RGBA").getpixel((2, y)) for y in (2, picture.height - 3)
             )
-        assert (sky[3] == 0) == (ground[3] == 0) == (kind == "clear85")
+        assert (sky[3] == 0) == (ground[3] == 0) == is_clear
+
+
+def printed(page, what, width, *, svg=False, clear=False, caption=True):
+    """Ask for a file for print."""
+    page.select_option(f"select[aria-label='Save the {what}']", "print")
+    page.fill("#print-width", str(width))
+    if svg:
+        page.click("dialog[open] >> text=SVG")
+    if clear:
+        page.check("dialog[open] label:has-text('without a ground') input")
+    if not caption:
+        page.uncheck("dialog[open] label:has-text('caption') input")
+    page.click("dialog[open] .primary")
+
+
+def test_for_print_as_wide_as_wished_with_a_caption_or_none(hand, tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    page = hand.page
+    shown(page, {"load": DOWN, "load_axes": "world"})
+    page.wait_for_selector("#strip .plot .deflection.curve-0")
+    texts = {}
+    for caption in (True, False):
+        with page.expect_download() as waiting:
+            printed(page, "plot", 120, svg=True, caption=caption, clear=not caption)
+        waiting.value.save_as(tmp_path / "plot.svg")
+        texts[caption] = (tmp_path / "plot.svg").read_text("utf-8")
+        assert 'width="120mm"' in texts[caption]
+    assert "How far the load moves the point [mm] along" in texts[True]
+    assert "Springs illustrative, not measured" in texts[True]
+    assert "Springs" not in texts[False]
+    # Both pictures, side by side, are in one file.
+    heights = {}
+    for both in (False, True):
+        if both:
+            hand.click("button:has-text('Keep as 1')")
+            hand.click(".compare-card label:has-text('side by side')")
+            settled(page)
+        with page.expect_download() as waiting:
+            printed(page, "picture", 170, caption=False)
+        waiting.value.save_as(tmp_path / "both.png")
+        with image.open(tmp_path / "both.png") as picture:
+            assert picture.width == round(170 / 25.4 * 300)
+            heights[both] = picture.height
+    sizes = page.evaluate(
+        "() => [window.cartstiff.pane, ...window.cartstiff.rows.map((row) => row.pane)]"
+        ".map((pane) => pane.size)"
+    )
+    wide = sum(size[0] for size in sizes)
+    assert len(sizes) == 2
+    assert heights[True] == pytest.approx(170 / 25.4 * 300 * sizes[0][1] / wide, abs=2)
 
 
 # -- guided starts

@@ -28,7 +28,7 @@ class NoPicture:
         self.drawn.append((result.q.tolist(), state))
         return {"lines": []}
 
-    def cloud(self, cloud: Any, quantity: str) -> dict[str, Any]:
+    def cloud(self, cloud: Any, quantity: str, allowed: Any = None) -> dict[str, Any]:
         return {"label": quantity, "unit": cloud.units[quantity]}
 
     def keep_in_view(self, positions: Any) -> None:

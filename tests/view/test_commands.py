@@ -100,4 +100,4 @@ def test_a_page_with_the_workspace_is_that_of_the_workspace(tmp_path, monkeypatc
         assert np.array_equal(cloud.positions[: len(reached.boundary)], reached.boundary)
         assert np.array_equal(cloud.positions[len(reached.boundary) :], reached.singular.surface)
         words = " ".join(cloud.values["limit that cuts"])
-        assert ("force of leg1" in words) is bool(forces)
+        assert ("force of legs" in words) is bool(forces)

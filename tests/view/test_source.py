@@ -184,9 +184,10 @@ def test_a_boundary_of_a_workspace(tmp_path):
     assert cloud.positions == pytest.approx(reached.boundary, abs=1e-12)
     words = cloud.values["limit that cuts"].tolist()
     cuts = reached.positions.limit.tolist()
-    assert all(word.startswith(cut) for word, cut in zip(words, cuts, strict=True))
+    # In kinds, whichever leg it is.
     low, high = hexapod.mechanism.bounds["leg1"]
-    assert {f"leg1, least {low:.4g} m", f"leg1, most {high:.4g} m"} <= set(words)
+    kinds = {"most": f"legs at most {high:.4g} m", "least": f"legs at least {low:.4g} m"}
+    assert words == [kinds[cut.rpartition(" ")[2]] for cut in cuts]
     path.write_text("x [mm],y [mm],z [mm],limit\n1,2,3,reach\n", encoding="utf-8")
     assert read_cloud(path).positions.tolist() == [[0.001, 0.002, 0.003]]
     path.write_text("z [m],roll [rad],pitch [rad],limit\n1,2,3,reach\n", encoding="utf-8")
@@ -195,6 +196,39 @@ def test_a_boundary_of_a_workspace(tmp_path):
     path.write_text("x [m],y [m],z [m],limit\n1,2,three,reach\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"line 2.*not a finite number"):
         read_cloud(path)
+
+
+def test_a_workspace_is_coloured_by_stiffness_first():
+    from tests.inner import cloud_of_workspace
+
+    import cartstiff
+
+    hexapod = cartstiff.load("hexapod")
+    q = hexapod.q + np.array([0, 0, 0, 0.1, -0.05, 0.2])
+    reached = cartstiff.workspace(hexapod, q, directions=60, scan=12, fits=False)
+    cloud = cloud_of_workspace(reached)
+    assert list(cloud.values) == ["softest stiffness", "limit that cuts"]
+    assert len(set(cloud.values["limit that cuts"].tolist())) <= 5
+    assert cloud.better == {"softest stiffness": "larger"}
+    assert np.isnan(cloud.values["softest stiffness"][len(reached.boundary) :]).all()
+    for i in range(0, len(reached.boundary), 11):
+        found = cartstiff.analyse(hexapod, cloud.q[i])
+        assert found.pose[:3, 3] == pytest.approx(cloud.positions[i], abs=1e-9)
+        assert found.pose[:3, :3] == pytest.approx(reached.pose[:3, :3], abs=1e-9)
+        C = np.linalg.inv(found.tangent)[3:, 3:]
+        least = 1.0 / np.linalg.eigvalsh(0.5 * (C + C.T))[-1]
+        assert cloud.values["softest stiffness"][i] == pytest.approx(least, rel=1e-6)
+
+
+def test_limits_are_few_kinds(tmp_path):
+    words = [f"leg{i}_slide, {side}" for i in range(1, 7) for side in ("least", "most")]
+    words += ["reach", "singularity", "half turn", "force of leg3, most", "joint 7, least"]
+    rows = "\n".join(f'1,2,3,"{word}"' for word in words)
+    (tmp_path / "b.csv").write_text(f"x [m],y [m],z [m],limit\n{rows}\n", encoding="utf-8")
+    cloud = read_cloud(tmp_path / "b.csv")
+    kinds = set(cloud.values["limit that cuts"].tolist())
+    assert len(kinds) == 5
+    assert {"legs slide at least", "legs slide at most", "other limits"} <= kinds
 
 
 def test_a_workspace_of_tilts_is_no_cloud_of_positions():

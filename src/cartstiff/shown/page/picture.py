@@ -105,8 +105,10 @@ class PageScene:
         """
         return self._scene.assets(result, _appearance(state))
 
-    def cloud(self, cloud: Cloud, quantity: str) -> dict[str, Any]:
-        """Draw a map's points, coloured by a quantity.
+    def cloud(
+        self, cloud: Cloud, quantity: str, allowed: tuple[float, str] | None = None
+    ) -> dict[str, Any]:
+        """Draw a map's points, coloured by a quantity, of which a value may be `allowed`.
 
         Returns the facts of the colour bar.
         """
@@ -117,7 +119,13 @@ class PageScene:
         if values.dtype.kind == "U":  # a point carries the number of its word
             words, carried["value"] = np.unique(values, return_inverse=True)
         facts = self._scene.points(
-            cloud.positions, values, quantity, cloud.units[quantity], carried=carried
+            cloud.positions,
+            values,
+            quantity,
+            cloud.units[quantity],
+            carried=carried,
+            better=cloud.better.get(quantity),
+            allowed=allowed,
         )
         if words is None:
             return facts

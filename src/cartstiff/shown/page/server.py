@@ -716,7 +716,8 @@ def serve(
     port: int = 0,
     ready: Callable[[str], object] = print,
     last: bool = False,
-    **more: Any,
+    beside: Sequence[Source] = (),
+    guides: Sequence[dict[str, Any]] = (),
 ) -> None:
     """Serve until Ctrl-C (or a request to terminate).
 
@@ -733,8 +734,8 @@ def serve(
         Told the page's address once it answers.
     last : bool
         Whether the process ends afterwards: an impatient second Ctrl-C then does nothing.
-    more
-        As in `PageServer`: `beside`, `guides`.
+    beside, guides
+        As in `PageServer`.
 
     Raises
     ------
@@ -749,7 +750,7 @@ def serve(
             with suppress(InputError):
                 _listening(host, USUAL_PORT).close()
                 port = USUAL_PORT
-        page = Background(source, host=host, port=port, **more)
+        page = Background(source, host=host, port=port, beside=beside, guides=guides)
         ready(page.url)
         end.wait()
         page.close()

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.answer.commanded import analyse_commanded
+from cartstiff.answer.data import Quantity
 from cartstiff.answer.posture import answer_at
 from cartstiff.core import numerics
 from cartstiff.core.arrays import checked_pose, named_values
@@ -28,6 +29,7 @@ from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 from cartstiff.core.stiffness.compute import PostureStiffness
+from cartstiff.core.units import LENGTHS
 from cartstiff.recorded.gradients.spread import analyse_posture
 from cartstiff.recorded.recorded_postures import RecordedPostures
 from cartstiff.shown.page.following import Follower
@@ -66,6 +68,7 @@ from cartstiff.shown.report.analysis import summary_text
 from cartstiff.shown.report.sentences import (
     answer_sentences,
     displacement_words,
+    value_words,
     words_of,
 )
 from cartstiff.version import __version__
@@ -125,7 +128,7 @@ class Session:
         #: Its postures without commands, by programs once a page has them recorded.
         self.postures = RecordedPostures(elastic)
         self._follower = Follower(elastic)
-        self._cloud_shown: str | None = None
+        self._cloud_shown: tuple[str, tuple[float, str] | None] | None = None
         #: The posture of the picture.
         self.drawn: PostureStiffness | None = None
         self._colour_bar: dict[str, Any] | None = None
@@ -364,14 +367,32 @@ class Session:
     ) -> dict[str, Any]:
         """Move the picture to a posture whose `numbers` are known, if they are."""
         cloud, wanted = self.source.cloud, state.quantity_of_map
-        if cloud is not None and wanted is not None and wanted != self._cloud_shown:
+        if cloud is not None and wanted is not None:
             if wanted not in cloud.values:
                 raise UnknownNameError("quantity", wanted, cloud.values)
-            self._colour_bar = self.picture.cloud(cloud, wanted)
-            self._cloud_shown = wanted
+            limit = self._limit_of(wanted, cloud.units[wanted], state.allowed)
+            if (wanted, limit) != self._cloud_shown:
+                self._colour_bar = self.picture.cloud(cloud, wanted, limit)
+                self._cloud_shown = wanted, limit
         self.drawn = result
         moved = moved_part(result, state) if numbers is None else numbers["moved"]
         return self.with_colour_bar(self.picture.draw(result, state, moved))
+
+    def _limit_of(
+        self, quantity: str, unit: str, allowed: float | None
+    ) -> tuple[float, str] | None:
+        """The displacement that is allowed, in a map's unit and in words; None for a
+        quantity that is none.
+        """
+        own = self._elastic.units.length
+        if (
+            allowed is None
+            or not quantity.startswith("deflection")
+            or unit not in LENGTHS
+        ):
+            return None
+        words = value_words(Quantity(allowed, own), "3")
+        return allowed * LENGTHS[own] / LENGTHS[unit], words
 
     def with_colour_bar(self, legend: dict[str, Any]) -> dict[str, Any]:
         """A picture's legend with that of the map, if there is one."""
@@ -538,15 +559,28 @@ class Session:
 def said(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     """The answer at the reference point, as the command has it, and its sentences.
 
-    "settled" is that on the equilibrium, None where the first order says the same.
+    "settled" is that on the equilibrium, None where the first order says the same;
+    "holds" how many times the load is held, and until what, None where that is not known
+    of the point.
     """
     own = None if state.connection == "load" else state.connection
-    found = answer_at(result, connection=own, at=se3.pose(np.eye(3), state.point))
+    allowed = None if any(state.point) else state.allowed  # which is of M's origin
+    at = se3.pose(np.eye(3), state.point)
+    found = answer_at(result, connection=own, at=at, allowed=allowed)
+    held = [one for one in found.statements if one.code.startswith("capacity")]
+    holds = None
+    if held and (allowed is not None or state.allowed is None):
+        holds = {"factor": held[0].values["factor"], "words": words_of(held)[0]}
     moved, settled = found.displacement, None
     if moved is not None and not moved.is_first_order:
         settled = next(displacement_words(found))
     sentences = answer_sentences(found)
-    return {"answer": found.to_dict(), "sentences": sentences, "settled": settled}
+    return {
+        "answer": found.to_dict(),
+        "sentences": sentences,
+        "settled": settled,
+        "holds": holds,
+    }
 
 
 def _seen_from(state: ViewState, T: Array) -> ViewState:

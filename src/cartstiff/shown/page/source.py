@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import prod
 from pathlib import Path
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 
 from cartstiff.core.arrays import named_values
 from cartstiff.core.errors import InputError, one_line
+from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.connections import Connection
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.matrix_names import LETTERS
@@ -24,6 +27,7 @@ from cartstiff.core.units import LENGTHS, SI, Units
 from cartstiff.files.identity import fingerprint
 from cartstiff.files.parsing import parse_numbers
 from cartstiff.files.tables import named_unit, read_cells, read_rows
+from cartstiff.recorded.recording import analyse_many
 
 if TYPE_CHECKING:
     from cartstiff.wings.reach.workspace import Workspace
@@ -42,6 +46,11 @@ _MODEL = ("mechanism", "springs", "potentials", "gravity", "damping")
 # Names of the quantity that colours the boundary of a workspace, and of singular points.
 _CUTS = "limit that cuts"
 _SINGULAR = "singular surface"
+_SOFTEST = "softest stiffness"
+# Kinds of limits that a picture tells apart.
+_MOST_KINDS = 5
+# Postures at which no program knows the stiffness: so many are analysed one by one.
+_ONE_BY_ONE = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +93,8 @@ class Cloud:
         second.
     q : ndarray (N, n) or None
         Coordinates of each point; None where the points are no postures of the mechanism.
+    better : mapping of str to {"larger", "smaller"}
+        By quantity, which values are good, if any are.
     """
 
     positions: Array
@@ -91,6 +102,7 @@ class Cloud:
     units: Mapping[str, str]
     thinned: int = 1
     q: Array | None = None
+    better: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,11 +288,14 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
     flat = position.reshape(-1, position.shape[-1])
     values: dict[str, Array] = {}
     units: dict[str, str] = {}
+    better: dict[str, str] = {}
     for name, variable in data.data_vars.items():
         if variable.shape == shape and variable.dtype.kind in "fiub" and name != "state":
             shown = f"{name}" + f", map of {', '.join(differs)}" * bool(differs)
             values[shown] = np.asarray(variable.values, float).reshape(-1)
             units[shown] = str(variable.attrs.get("units", ""))
+            if "better" in variable.attrs:
+                better[shown] = str(variable.attrs["better"])
     if position.shape[-1] != 3 or not values:
         raise InputError(
             "map cannot be shown",
@@ -295,7 +310,12 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
             "map holds no posture", where=where, expected="a finite position"
         )
     cloud = _thinned(
-        Cloud(flat[reached], {n: v[reached] for n, v in values.items()}, units),
+        Cloud(
+            flat[reached],
+            {n: v[reached] for n, v in values.items()},
+            units,
+            better=better,
+        ),
         0 if elastic is None else len(elastic.names),
     )
     joints = data["joint"].values.tolist() if "q" in data else []
@@ -328,7 +348,9 @@ def _thinned(cloud: Cloud, coordinates: int = 0) -> Cloud:
     most = min(_MOST_POINTS, max(1, _MOST_COORDINATES // max(1, coordinates)))
     step = max(1, -(-len(cloud.positions) // most))
     values = {name: v[::step] for name, v in cloud.values.items()}
-    return replace(cloud, positions=cloud.positions[::step], values=values, thinned=step)
+    q = None if cloud.q is None else cloud.q[::step]
+    positions = cloud.positions[::step]
+    return replace(cloud, positions=positions, values=values, thinned=step, q=q)
 
 
 def _read_boundary(path: Path, elastic: ElasticMechanism | None) -> Cloud:
@@ -377,20 +399,84 @@ def cloud_of_workspace(reached: Workspace) -> Cloud:
     if reached.singular is not None:
         surface = reached.singular.surface
     names = reached.positions.limit.tolist() + [_SINGULAR] * len(surface)
-    return _cut(np.concatenate([reached.boundary, surface]), names, reached.elastic)
+    positions = np.concatenate([reached.boundary, surface])
+    return _cut(positions, names, reached.elastic, reached.pose)
 
 
 def _cut(
-    positions: Array, names: Sequence[str], elastic: ElasticMechanism | None
+    positions: Array,
+    names: Sequence[str],
+    elastic: ElasticMechanism | None,
+    pose: Array | None = None,
 ) -> Cloud:
-    """A boundary's positions (N, 3) by the names of the limits that cut,
-    which get their bounds.
+    """A boundary's positions (N, 3): how stiff the body is there, turned as in `pose`,
+    and which kind of limit cuts.
     """
-    bounds = dict[str, tuple[str]]()
-    if elastic is not None:
-        bounds = _bounds_in_words(elastic)
-    limits = np.array([" ".join([name, *bounds.get(name, ())]) for name in names])
-    return _thinned(Cloud(positions, {_CUTS: limits}, {_CUTS: ""}))
+    limits = np.array(_kinds_of_limits(names, elastic))
+    values, units, q = {_CUTS: limits}, {_CUTS: ""}, None
+    better = dict[str, str]()
+    if elastic is not None and pose is not None:
+        q = _coordinates_at(elastic, pose, positions)
+    if elastic is not None and q is not None:
+        # The first quantity is the one that is shown.
+        softest = softest_stiffness(elastic, q)
+        softest[[name == _SINGULAR for name in names]] = np.nan
+        values = {_SOFTEST: softest, **values}
+        units = {_SOFTEST: elastic.units.stiffness["translation"], **units}
+        better[_SOFTEST] = "larger"
+    coordinates = 0 if q is None else q.shape[1]
+    return _thinned(Cloud(positions, values, units, q=q, better=better), coordinates)
+
+
+def _coordinates_at(elastic: ElasticMechanism, pose: Array, positions: Array) -> Any:
+    """Coordinates (N, 6) of a platform with M at positions, turned as in `pose`; None of
+    another mechanism.
+    """
+    if not elastic.mechanism.coordinates_are_pose:
+        return None
+    body = pose @ se3.inverse(elastic.mechanism.frame_offset)
+    angles = se3.roll_pitch_yaw(body)
+    return np.hstack(
+        [positions - pose[:3, 3] + body[:3, 3], np.tile(angles, (len(positions), 1))]
+    )
+
+
+def softest_stiffness(elastic: ElasticMechanism, q: Array) -> Array:
+    """Least stiffness (N,) against a force, the body free to turn, at postures (N, n);
+    NaN where a force is not resisted along every direction.
+    """
+    found = analyse_many(elastic, q, outputs=["compliance_load"], one_by_one=_ONE_BY_ONE)
+    C = found["compliance_load"][:, 3:, 3:]
+    softest = np.full(len(q), np.nan)
+    known = np.isfinite(C).all(axis=(1, 2))
+    values = np.linalg.eigvalsh(0.5 * (C + C.swapaxes(1, 2))[known])
+    held = values[:, 0] > 0.0
+    softest[np.flatnonzero(known)[held]] = 1.0 / values[held, -1]
+    return softest
+
+
+def _kinds_of_limits(names: Sequence[str], elastic: ElasticMechanism | None) -> list[str]:
+    """Limits in few kinds, whichever leg or joint is at it: "legs at most 1.2 m"."""
+    bounds = {} if elastic is None else _bounds_in_words(elastic)
+    kinds = {}
+    for name in dict.fromkeys(names):
+        what, comma, side = name.partition(", ")
+        what = re.sub(r"(?<=[a-z])\d+", "s", what, count=1).replace("_", " ")
+        kinds[name] = f"{what} at {side}" if comma else what
+    # The bound is said where all of a kind share it.
+    said = {
+        kind: {bounds.get(name, ("",)) for name in kinds if kinds[name] == kind}
+        for kind in kinds.values()
+    }
+    full = {
+        k: " ".join([k, *b.pop()]).strip() if len(b) == 1 else k for k, b in said.items()
+    }
+    found = [full[kinds[name]] for name in names]
+    commonest = [kind for kind, _ in Counter(found).most_common()]
+    if len(commonest) > _MOST_KINDS:
+        few = set(commonest[: _MOST_KINDS - 1])
+        found = [kind if kind in few else "other limits" for kind in found]
+    return found
 
 
 def _bounds_in_words(elastic: ElasticMechanism) -> dict[str, tuple[str]]:

@@ -22,11 +22,21 @@ _MOST_KINDS = len(theme.KINDS)
 _WIDE = 50.0
 
 
-def colours_of(values: NDArray[Any]) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+# Shares of the colours, from dark to light, of what is outside and inside of a limit.
+_OUTSIDE, _INSIDE = (0.0, 0.25), (0.6, 1.0)
+
+
+def colours_of(
+    values: NDArray[Any],
+    better: str | None = None,
+    allowed: tuple[float, str] | None = None,
+) -> tuple[NDArray[np.uint8], dict[str, Any]]:
     """Colours (n, 3) of values, and the facts of the colour bar.
 
-    Values of one sign run from dark to light, by their logarithm where they spread far;
-    values of both signs from red over pale to blue. Values that are not finite are grey,
+    Values of one sign run from dark to light, by their logarithm where they spread far:
+    from bad to good if "larger" or "smaller" ones are `better`. A value that is `allowed`
+    (and its words) divides smaller ones, all light, from larger ones, all dark. Values of
+    both signs run from red over pale to blue. Values that are not finite are grey,
     and counted. Each word has its own colour; the rarest of many are grey.
     """
     if values.dtype.kind == "U":
@@ -56,11 +66,35 @@ def colours_of(values: NDArray[Any]) -> tuple[NDArray[np.uint8], dict[str, Any]]
         x = np.log10(v) if log else v
         spread = float(np.ptp(x))
         share = (x - x.min()) / spread if spread > 0.0 else np.full(len(x), 0.5)
+        along = np.linspace(0, 1, 9)
+        if better == "smaller":
+            share, along = 1.0 - share, along[::-1]
+        if allowed is not None:
+            inside = v <= allowed[0]
+            ends = np.where(inside[:, None], _INSIDE, _OUTSIDE)
+            share = ends[:, 0] + share * (ends[:, 1] - ends[:, 0])
+            facts["kinds"] = _divided(allowed[1], int(inside.sum()), len(v))
         colours[good] = theme.sequential(share)
         facts |= {"lower": low, "upper": high, "kind": "sequential", "log": bool(log)}
-        stops = theme.sequential(np.linspace(0, 1, 9))
+        facts["better"] = better
+        stops = theme.sequential(along)
     facts["stops"] = [f"#{theme.hex_of(stop):06x}" for stop in stops]
     return colours, facts
+
+
+def _divided(limit: str, inside: int, count: int) -> list[dict[str, Any]]:
+    """What the colours inside and outside of a limit are called."""
+    return [
+        {
+            "name": f"{word} {limit}",
+            "colour": f"#{theme.hex_of(theme.sequential(share)):06x}",
+            "count": number,
+        }
+        for word, share, number in (
+            ("within", _INSIDE[0], inside),
+            ("beyond", _OUTSIDE[1], count - inside),
+        )
+    ]
 
 
 def _colours_of_kinds(
@@ -104,6 +138,8 @@ def add_points(
     unit: str = "",
     size: float | None = None,
     carried: Mapping[str, Array] = MappingProxyType({}),
+    better: str | None = None,
+    allowed: tuple[float, str] | None = None,
 ) -> dict[str, Any]:
     """Draw points coloured by a value in any meshcat scene.
 
@@ -124,6 +160,10 @@ def add_points(
     carried : mapping of str to ndarray (n, k), optional
         Numbers that travel with the points, for whoever points at one: attributes of the
         geometry.
+    better : {"larger", "smaller"}, optional
+        Which values are good: these are bright.
+    allowed : tuple of float and str, optional
+        A value up to which all is good, and how that is written.
 
     Returns
     -------
@@ -144,7 +184,7 @@ def add_points(
     if v is None or not len(p):
         node.delete()
         return facts | colours_of(np.zeros(0))[1]
-    colours, bar = colours_of(v)
+    colours, bar = colours_of(v, better, allowed)
     if size is None:
         spread = float(np.linalg.norm(np.ptp(p, axis=0))) or 1.0
         size = float(

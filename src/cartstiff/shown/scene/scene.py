@@ -166,6 +166,8 @@ class Scene:
         *,
         size: float | None = None,
         carried: Mapping[str, Array] = MappingProxyType({}),
+        better: str | None = None,
+        allowed: tuple[float, str] | None = None,
     ) -> dict[str, Any]:
         """Show a map: points (N, 3) in F, in the mechanism's unit,
         coloured by values (N,).
@@ -182,6 +184,8 @@ class Scene:
             unit=unit,
             size=size,
             carried=carried,
+            better=better,
+            allowed=allowed,
         )
 
     def keep_in_view(self, what: str, positions: ArrayLike) -> None:

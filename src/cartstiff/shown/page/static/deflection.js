@@ -105,7 +105,9 @@ export function deflectionPanel(store) {
     await new Promise((resolve) => setTimeout(resolve, RESTS));
     if (asked !== mine) return;
     const found = await store.ask({ do: "answer", state: mine }).catch(() => null);
-    if (asked !== mine || !found?.settled) return;
+    if (asked !== mine || !found) return;
+    store.tell("said", found);
+    if (!found.settled) return;
     settled.textContent = plainly(found.settled);
     settled.hidden = false;
   }

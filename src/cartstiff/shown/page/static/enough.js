@@ -1,6 +1,6 @@
 // Is it good enough? A displacement that is allowed: whether the load stays within it, and how large it may be.
 
-import { byId, el, engineering, inSize, short } from "./dom.js";
+import { byId, el, engineering, inSize, plainly, short } from "./dom.js";
 
 // Unit in which a displacement is typed, where the file's is a metre.
 const TYPED = "mm";
@@ -47,6 +47,11 @@ export function enoughCard(store) {
       + `largest load along this one is ${size(allowed / way)}, ${short(allowed / way, 3)} times it (to first order)`;
   }
 
+  // At rest the equilibrium is known, and what else ends it: forces, travel, stability.
+  store.on("said", ({ holds }) => {
+    if (holds && store.state.allowed && store.numbers.moved?.resisted) result.append(
+      `. By the equilibrium ${size(holds.factor)}: ${plainly(holds.words[0].toLowerCase() + holds.words.slice(1))}`);
+  });
   store.on("numbers", update);
   store.on("state", (patch) => { if ("allowed" in patch) update(); });
 }

@@ -1,8 +1,9 @@
 // What the picture's sizes mean: a bar of the machine's size, words, colours; and the picture as a
 // file that carries all of it.
 
-import { byId, dropdown, el, engineering, short, typeset } from "./dom.js";
-import { PRINTED, doubts, printed, provenance, saveDrawing, sheet, svg, timesOf } from "./plotfiles.js";
+import { byId, dropdown, el, engineering, inSize, short, typeset } from "./dom.js";
+import { PRINTED, doubts, legible, printed, provenance, saveDrawing, sheet, svg, timesOf } from "./plotfiles.js";
+import { askPrint } from "./print.js";
 
 const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱",
   held: "◇", note: "!" };
@@ -76,13 +77,15 @@ export function legendOf(facts) {
 }
 
 /** The bar of a map's colours. */
-function colourBar({ label, unit, count, lower, upper, log, kinds, stops = [] }) {
-  const head = el("span", { class: "small" }, [label, unit, log && "logarithmic"].filter(Boolean).join(", "));
+function colourBar({ label, unit, count, lower, upper, log, kinds, better, stops = [] }) {
+  const [factor, name] = inSize(upper ?? 0, unit ?? "");
+  const words = [label, !kinds && name, log && !kinds && "logarithmic", better && "bright is good"].filter(Boolean);
+  const head = el("span", { class: "small" }, words.join(", "));
   if (kinds) return [head,
     ...kinds.map((one) => el("div", { class: "small kind", title: `${one.count} of ${count} points: ${one.name}` },
     el("span", { class: "mark", style: `color: ${one.colour}`, "aria-hidden": "true" }, "●"), ` ${one.name}`))];
   return [head, el("span", { class: "gradient", style: `background: linear-gradient(to right, ${stops.join(", ")})` }),
-    el("span", { class: "ends small num" }, el("span", {}, short(lower)), el("span", {}, short(upper)))];
+    el("span", { class: "ends small num" }, ...[lower, upper].map((x) => el("span", {}, short(x / factor))))];
 }
 
 /** Whether the colours of legs are those of their shares. */
@@ -124,7 +127,9 @@ export function pictureFile(store, name) {
   const select = dropdown("Save the picture", [["", "PNG"], ...SIZES.map((times) => [`png${times}`, `PNG × ${times}`]),
     ...PRINTED], (kind) => {
     select.value = "";
-    saveDrawing(kind, name(), picture(store, kind));
+    const save = (of) => saveDrawing(of, name(), picture(store, of));
+    if (kind === "print") askPrint("The picture for print", save, { hasOthers: othersOf(store).length > 0 });
+    else save(kind);
   }, { class: "save", title: "The picture as a file, with its legend, scale, load and version" });
   return select;
 }
@@ -140,27 +145,40 @@ function answerIn({ numbers: { moved, result }, shown, ...store }) {
   return ` under ${sizes.join(" and ")}: ${what} moves ${engineering(Math.hypot(...moved.displacement), units.length)}`;
 }
 
-/** The picture as a drawing of its own. */
+/** Rows whose pictures are beside this one. */
+const othersOf = (store) => store.rows.filter(({ figure }) => figure);
+
+/** The picture as a drawing of its own, and those beside it. */
 function picture(store, kind) {
-  const [width, height] = store.pane.size;
-  const { state, legend } = store;
-  const href = store.pane.image(timesOf(kind, width), kind.startsWith("clear")).toDataURL("image/png");
-  const bar = legend.bar.length * store.pane.dotsPerUnit;
-  const ink = getComputedStyle(document.body).color;
-  const copy = svg("svg", {}, svg("image", { href, width, height }),
-    svg("path", { d: `M10,${height - 16}v6h${bar}v-6`, fill: "none", stroke: ink, "stroke-width": 1.5 }),
-    svg("text", { x: 14 + bar, y: height - 8, "font-size": 12, "font-family": "sans-serif", fill: ink },
-      legend.bar.text));
+  const { state, legend, pane: { size: [first, height] } } = store;
+  const others = kind.includes("alone") ? [] : othersOf(store);
+  const width = others.reduce((sum, { pane }) => sum + pane.size[0], first);
+  const [ink, letters] = [getComputedStyle(document.body).color, legible(kind, width)];
+  const copy = svg("svg");
+  let x = 0;
+  for (const { pane, caption, store: own } of [{ pane: store.pane, caption: null, store }, ...others]) {
+    const [wide, high] = pane.size;
+    const href = pane.image(timesOf(kind, width), kind.includes("clear")).toDataURL("image/png");
+    const { bar } = own.legend;
+    const length = bar.length * pane.dotsPerUnit;
+    const text = (at, y, words) => svg("text", { x: at, y, "font-size": 12 * letters, "font-family": "sans-serif",
+      fill: ink }, words);
+    copy.append(svg("image", { href, x, width: wide, height: high }),
+      svg("path", { d: `M${x + 10},${height - 16}v6h${length}v-6`, fill: "none", stroke: ink, "stroke-width": 1.5 }),
+      text(x + 14 + length, height - 8, bar.text),
+      ...(caption ? [text(x + 10, height - 12 - 14 * letters, caption.firstChild.textContent)] : []));
+    x += wide;
+  }
   const words = [...byId("legend").querySelectorAll(".mark")]
     .map((mark) => ({ text: mark.parentElement.textContent, colour: getComputedStyle(mark).color }));
   const [title, ...lines] = provenance(store, state, `${store.hello.mechanism.name}: ellipsoids of ${state.quantity}`);
-  const cloud = legend.cloud?.lower === undefined ? []
-    : [`${legend.cloud.label} [${legend.cloud.unit}]: from ${short(legend.cloud.lower)} to `
-      + `${short(legend.cloud.upper)}`];
+  const bars = [legend.cloud, store.trace].filter((one) => one?.lower !== undefined)
+    .map(({ label, unit, lower, upper }) => `${label} [${unit}]: from ${short(lower)} to ${short(upper)}`);
   const paper = getComputedStyle(document.body).backgroundColor;
   // In print a caption: what moves how far, and what is assumed.
   const doubted = doubts(store, state).map((doubt) => doubt.words);
-  const caption = [`${store.hello.mechanism.name}${answerIn(store)}`, ...doubted].join(". ");
-  return sheet(copy, { width, height, ink, paper, kind }, printed(kind) ? [`${caption}.`]
-    : [title, ...words, ...cloud, ...lines]);
+  const caption = [`${store.hello.mechanism.name}${answerIn(store)}`, ...others.map((row) =>
+    row.caption.firstChild.textContent), ...doubted].join(". ");
+  const said = kind.includes("bare") ? [] : printed(kind) ? [`${caption}.`] : [title, ...words, ...bars, ...lines];
+  return sheet(copy, { width, height, ink, paper, kind }, said);
 }

@@ -18,7 +18,7 @@ const MOST_STEPS = 30;
 const HALVINGS = 14;
 // Keys of a state on which an answer depends.
 const ASKED = ["q", "connection", "point", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity",
-  "payload", "command"];
+  "payload", "command", "allowed"];
 
 /** What the sources in a file share: commands by number, one answer to each question. */
 class FileSource {

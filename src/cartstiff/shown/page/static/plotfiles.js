@@ -11,9 +11,12 @@ const ROW = 14;
 const DPI = 300;
 const PRINTED_ROW = 3;
 const MM_PER_INCH = 25.4;
-/** Kinds of files for print: a column, a page, without a ground. */
+/**
+ * Kinds of files for print: a column, a page, and what is asked for. Of a kind the words behind its width say what it
+ * lacks: "clear" the ground, "bare" the caption, "alone" the other pictures.
+ */
 export const PRINTED = [["mm85", "PNG, 85 mm at 300 dpi"], ["mm180", "PNG, 180 mm at 300 dpi"],
-  ["clear85", "PNG, 85 mm, transparent"]];
+  ["print", "for print …"]];
 // Width of a letter below a drawing, and of one in it, about.
 export const [LETTER, WIDE_LETTER] = [6, 7];
 
@@ -68,7 +71,11 @@ export const wrapped = (text, most) => text.match(new RegExp(`.{1,${most}}(?:\\s
   .map((line) => line.trim());
 
 /** The width (mm) of a kind of file for print; null for another. */
-export const printed = (kind) => (/^(mm|clear)\d+$/.test(kind) ? Number(kind.match(/\d+/)[0]) : null);
+export const printed = (kind) => Number(kind.match(/^(?:mm|svg)([\d.]+)/)?.[1]) || null;
+
+/** How many times as large letters are as on the page: in print they are legible. */
+export const legible = (kind, width) => (printed(kind)
+  ? Math.max(1, (PRINTED_ROW * width) / printed(kind) / ROW) : 1);
 
 /** How many times as fine as the page a file of some kind is. */
 export const timesOf = (kind, width) => (printed(kind) ? (printed(kind) * DPI) / MM_PER_INCH / width
@@ -76,14 +83,15 @@ export const timesOf = (kind, width) => (printed(kind) ? (printed(kind) * DPI) /
 
 /** A drawing of its own: an SVG with words below, each a text or {text, colour}; in print they are legible. */
 export function sheet(copy, { width, height, ink, paper, kind = "svg" }, words) {
-  const letters = printed(kind) ? Math.max(1, (PRINTED_ROW * width) / printed(kind) / ROW) : 1;
+  const letters = legible(kind, width);
   const rows = words.flatMap((word) => wrapped(word.text ?? word, Math.floor((width - 12) / LETTER / letters))
     .map((text) => [text, word.colour ?? ink]));
-  const total = height + letters * ROW * (rows.length + 0.6);
-  if (!kind.startsWith("clear")) copy.prepend(svg("rect", { width, height: total, fill: paper }));
+  const total = height + (rows.length ? letters * ROW * (rows.length + 0.6) : 0);
+  if (!kind.includes("clear")) copy.prepend(svg("rect", { width, height: total, fill: paper }));
   rows.forEach(([text, fill], i) => copy.append(svg("text", { x: 6, y: height + letters * ROW * (i + 1),
     "font-size": 11 * letters, "font-family": "sans-serif", fill }, text)));
-  for (const [name, value] of Object.entries({ xmlns: SVG_SPACE, width, height: total,
+  const size = (x) => (/^svg[\d.]/.test(kind) ? `${(x * printed(kind)) / width}mm` : x);
+  for (const [name, value] of Object.entries({ xmlns: SVG_SPACE, width: size(width), height: size(total),
     viewBox: `0 0 ${width} ${total}` })) copy.setAttribute(name, value);
   return { text: `<?xml version="1.0"?>\n${new XMLSerializer().serializeToString(copy)}\n`, width, height: total };
 }
@@ -99,7 +107,11 @@ export function drawing(plot, lines, legend, kind = "svg") {
   });
   copy.removeAttribute("class");
   const [ink, paper] = [getComputedStyle(plot).color, getComputedStyle(plot.parentElement).backgroundColor];
-  return sheet(copy, { width, height, ink, paper, kind }, [lines[0], ...legend, ...lines.slice(1)]);
+  // In print a caption: what it is of, and what is assumed.
+  const [title, subject, , ...rest] = lines;
+  const words = kind.includes("bare") ? [] : printed(kind) ? [title, subject, ...rest.slice(0, -1)]
+    : [title, ...legend, ...lines.slice(1)];
+  return sheet(copy, { width, height, ink, paper, kind }, words);
 }
 
 /**
@@ -117,7 +129,7 @@ export function table(lines, names, rows) {
 }
 
 export async function saveDrawing(kind, name, { text, width, height }) {
-  if (kind === "svg") return download(`${name}.svg`, text, "image/svg+xml");
+  if (kind.startsWith("svg")) return download(`${name}.svg`, text, "image/svg+xml");
   const times = timesOf(kind, width);
   const image = new Image();
   image.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;

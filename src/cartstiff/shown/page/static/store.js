@@ -12,7 +12,7 @@ const LATE = 700;
 const MOST_PAST = 200;
 const TOGETHER = 800;
 
-/** Tells of: hello, state, numbers, kept, error, late, refused, angles, rows, local, plot, replot, trace. */
+/** Tells of: hello, state, numbers, kept, error, late, refused, angles, rows, local, plot, replot, said, trace. */
 export class Store extends EventTarget {
   constructor(source, pane = null, quiet = false) {
     super();

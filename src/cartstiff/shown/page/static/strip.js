@@ -7,6 +7,7 @@ import { PRINTED_AS_ZERO } from "./numerics.js";
 import { player } from "./player.js";
 import { CLOSER, Plot, isWhole, nearer } from "./plot.js";
 import { LETTER, PRINTED, drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
+import { askPrint } from "./print.js";
 import { curvesOf, inDegrees, inWords } from "./store.js";
 import { traceOf } from "./trace.js";
 
@@ -78,7 +79,7 @@ export function strip(store) {
   const label = el("span", { class: "num small time-label" });
   const again = button("↻ compute", () => request(true),
     { class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed" });
-  const save = dropdown("Save the plot", SAVED_AS, () => keep(),
+  const save = dropdown("Save the plot", SAVED_AS, keep,
     { class: "save", title: "The plot as a file, with what it shows" });
   const marks = Object.fromEntries(Object.keys(SIGNS).map((which) => [which, button("", () => {},
     { class: `quiet ${which}`, hidden: true, title: "Go there" })]));
@@ -138,9 +139,10 @@ export function strip(store) {
   }
 
   /** The plot as a file; one that is of something else than the page says is computed first. */
-  function keep() {
-    keeping = save.value || null;
+  function keep(kind) {
     save.value = "";
+    if (kind === "print") return askPrint("The plot for print", keep, { isPlot: true });
+    keeping = kind || null;
     if (!keeping || write()) return;
     toast("The file follows when its values are computed");
     request(true);

@@ -101,7 +101,7 @@ export function traceOf(store, onchange) {
     }
     const shares = Array.from({ length: WAY_STOPS }, (_, k) => k / (WAY_STOPS - 1));
     const isUp = value(best) >= value(worst);
-    return { label: `${label}: bright is good`, unit: found.unit, lower: low, upper: high, log: isLog,
+    return { label, better: true, unit: found.unit === "1" ? "" : found.unit, lower: low, upper: high, log: isLog,
       stops: colours(isUp ? shares : shares.toReversed()) };
   }
 
