@@ -309,16 +309,20 @@ def test_the_worst_over_a_trajectory_in_no_action_and_what_is_allowed(pages):
         newtons = float(said.split("along this one is ")[1].split(" ")[0])
         assert newtons == pytest.approx(100 * allowed / sizes[worst], rel=6e-3)
         # At rest the equilibrium says it, with what else would end it first.
-        page.wait_for_selector(".enough-card output:has-text('By the equilibrium')")
+        page.wait_for_selector(".enough-card output:has-text('by the equilibrium')")
         held = cartstiff.capacity(
             arm, playback.q[worst], wrench=DOWN, load_axes="world", displacement=allowed / 1e3
         )
         assert held.by_equilibrium.kind == "displacement"
-        said = hand.reads(".enough-card output").split("By the equilibrium ")[1]
+        said = hand.reads(".enough-card output").split("to first order); ")[1]
         assert float(said.split(" ")[0]) == pytest.approx(100 * held.factor, rel=6e-3)
         assert said.endswith("until the allowed displacement is reached.")
+        label = """() => window.cartstiff.pane.part("meshcat", "cartstiff", "callout")
+            .children[0].userData.label.text"""
+        page.wait_for_function(f"() => ({label})().endsWith('\u2715')")
         page.evaluate("(q) => window.cartstiff.goTo(q)", playback.q[0].tolist())
         settled(page)
+        page.wait_for_function(f"() => ({label})().endsWith('\u2713')")
         assert hand.reads(".enough-card summary span") == "\u2713 inside"
     finally:
         page.goto("about:blank")

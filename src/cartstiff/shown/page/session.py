@@ -570,7 +570,8 @@ def said(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     held = [one for one in found.statements if one.code.startswith("capacity")]
     holds = None
     if held and (allowed is not None or state.allowed is None):
-        holds = {"factor": held[0].values["factor"], "words": words_of(held)[0]}
+        factor, limit = (held[0].values[key] for key in ("factor", "limit"))
+        holds = {"factor": factor, "until": words_of([limit])[0]}
     moved, settled = found.displacement, None
     if moved is not None and not moved.is_first_order:
         settled = next(displacement_words(found))

@@ -16,6 +16,13 @@ const RESTS = 400;
 export const displacementWords = (store, numbers = store.numbers, size = store.sizes.displacement) =>
   engineering(Math.hypot(...numbers.moved.displacement), store.unit("length"), 4, size);
 
+/** The same in the picture, with whether that is allowed. */
+function judged(store) {
+  const { shown: { allowed }, numbers: { moved } } = store;
+  const sign = !allowed ? "" : Math.hypot(...moved.displacement) <= allowed ? " \u2713" : " \u2715";
+  return `${displacementWords(store)}${sign}`;
+}
+
 /** Load, weight and what is taken for granted, in a line. */
 function assumptions(store, moved) {
   const { result } = store.numbers;
@@ -93,7 +100,7 @@ export function deflectionPanel(store) {
   const first = firstLoad(store);
   const settled = el("p", { class: "fact settled", hidden: true });
   const bars = shareBars(store);
-  const { node: play, line: factor, toggle } = give(store, () => displacementWords(store));
+  const { node: play, line: factor, toggle } = give(store, () => judged(store));
   sharePicture(store);
   let asked = null;
   /** What the library says of the equilibrium, where it differs from the first order; asked for at rest. */

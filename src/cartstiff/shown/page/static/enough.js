@@ -50,7 +50,7 @@ export function enoughCard(store) {
   // At rest the equilibrium is known, and what else ends it: forces, travel, stability.
   store.on("said", ({ holds }) => {
     if (holds && store.state.allowed && store.numbers.moved?.resisted) result.append(
-      `. By the equilibrium ${size(holds.factor)}: ${plainly(holds.words[0].toLowerCase() + holds.words.slice(1))}`);
+      `; ${size(holds.factor)} by the equilibrium, until ${plainly(holds.until)}`);
   });
   store.on("numbers", update);
   store.on("state", (patch) => { if ("allowed" in patch) update(); });
