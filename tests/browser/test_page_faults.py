@@ -33,7 +33,8 @@ def test_a_logarithmic_colour_bar_says_so(serve, pages):
 
 
 def test_a_boundary_is_drawn_in_colours_of_named_limits(serve, pages, tmp_path):
-    rows = [f'{0.1 * k},0.2,0.9,"leg{1 + k % 2}, most"' for k in range(6)]
+    sides = ("most", "least")
+    rows = [f'{0.1 * k},0.2,0.9,"leg{1 + k}, {sides[k % 2]}"' for k in range(6)]
     table = "\n".join(["x [m],y [m],z [m],limit", *rows, "0,0,1,singularity"])
     (tmp_path / "boundary.csv").write_text(table, encoding="utf-8")
     cloud = clouds_in(tmp_path / "boundary.csv", cartstiff.load("hexapod"))
@@ -41,6 +42,7 @@ def test_a_boundary_is_drawn_in_colours_of_named_limits(serve, pages, tmp_path):
     lines = page.locator("#colour-bar").inner_text().split("\n")
     assert [line.strip("● ") for line in lines] == [
         "limit that cuts",
+        "legs at least 0.5 m",
         "legs at most 1.2 m",
         "singularity",
     ]

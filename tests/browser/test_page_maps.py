@@ -39,7 +39,15 @@ def test_a_whole_workspace_is_in_the_picture(serve, pages, tmp_path):
             page.get_by_role("button", name=preset, exact=True).click()
             settled(page)
             assert np.abs(page.evaluate(POINTS)).max() < 1.0, preset
-        assert "singular surface" in " ".join(page.locator(".kind").all_text_contents())
+        assert page.inner_text("#colour-bar").startswith("softest stiffness, ")
+        assert "bright is good" in page.inner_text("#colour-bar")
+    page = pages.open(serve("hexapod", cloud=cloud).url)
+    page.click("summary:has-text('Show')")
+    page.select_option("select[aria-label='Quantity of the map']", "limit that cuts")
+    settled(page)
+    kinds = page.locator(".kind").all_text_contents()
+    assert "singular surface" in " ".join(kinds)
+    assert len(kinds) <= 5
 
 
 def test_a_point_of_a_map_becomes_the_posture(serve, pages, tmp_path):
