@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.answer.held_forces import HeldForces, held_forces
+from cartstiff.answer.held_forces import HeldForces, drive_rows, held_forces
 from cartstiff.core import numerics
 from cartstiff.core.arrays import Result, checked_length
 from cartstiff.core.checked_call import checked
@@ -38,7 +38,6 @@ from cartstiff.core.stiffness.balance import with_rest_balancing
 from cartstiff.core.stiffness.compute import analyse, analyse_at
 from cartstiff.core.stiffness.forces import (
     drive_limits,
-    drive_rows,
     forces_of,
     rigid_torques,
     used_shares,

@@ -17,7 +17,7 @@ cannot push, rigid joints are drives, and so are, without limits, deflections of
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, compress
 from math import comb
 from typing import NamedTuple
 
@@ -25,7 +25,9 @@ import numpy as np
 
 from cartstiff.core import numerics
 from cartstiff.core.geometry.se3 import Array
-from cartstiff.core.stiffness.forces import drive_limits, drive_rows
+from cartstiff.core.mechanisms.contract import MechanismPosture
+from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.core.stiffness.forces import drive_limits
 from cartstiff.core.stiffness.motions import decompose
 from cartstiff.core.stiffness.posture import PostureStiffness
 
@@ -195,3 +197,27 @@ def held_forces(result: PostureStiffness) -> HeldForces | None:
     return HeldForces(
         names, (rows @ N).T, (J @ N).T, low - t, high - t, np.asarray(result.wrench)
     )
+
+
+def drive_rows(
+    elastic: ElasticMechanism, posture: MechanismPosture
+) -> tuple[tuple[str, ...], Array]:
+    """Names of the drives, and the rows (m, n) by which their forces act.
+
+    ``rows^T forces`` is what springs of joints and couplings, legs, and rigid joints add
+    to the gradient.
+    """
+    springs, n = elastic.springs, len(elastic.names)
+    names, rows = list[str](), [np.zeros((0, n))]
+    if springs is not None:
+        own = ~springs.is_passive
+        names += compress(elastic.spring_names, own)
+        sign = -1.0 if springs.has_coordinate(n).any() else 1.0
+        rows.append(sign * springs.rows(posture)[own])
+    rigid = sorted(elastic.mechanism.rigid)
+    names += [elastic.names[j] for j in rigid]
+    rows.append(-np.eye(n)[rigid])
+    for sums in elastic.sums:
+        names += sums.names
+        rows.append(sums.factors)
+    return tuple(names), np.concatenate(rows)

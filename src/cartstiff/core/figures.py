@@ -1,8 +1,7 @@
-"""Figures without a window, and their content as a file."""
+"""Figures without a window."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from typing import Any
 
@@ -70,35 +69,3 @@ def draw_bars(axis: Any, names: Sequence[str], values: ArrayLike, label: str) ->
     axis.invert_yaxis()
     axis.set_xlabel(label)
     return bars
-
-
-def figure_content(figure: Any, ending: str) -> bytes:
-    """Return the content of a .png, .svg or .pdf file of a figure.
-
-    Raises
-    ------
-    InputError
-        For another ending.
-    """
-    ending = ending.lower()
-    if ending not in (".png", ".svg", ".pdf"):
-        raise InputError("unknown file ending", expected=".png, .svg or .pdf", got=ending)
-    from matplotlib.text import Text
-
-    buffer = io.BytesIO()
-    _without_formulas(figure)
-    for text in figure.findobj(Text):  # names are not formulas, nor control characters
-        text.set_text(printable(text.get_text()))
-        text.set_parse_math(False)
-    figure.savefig(buffer, format=ending[1:])
-    return buffer.getvalue()
-
-
-def _without_formulas(figure: Any) -> None:
-    """Label logarithmic axes with 1e-03 instead of formulas, which are not rendered."""
-    from matplotlib.ticker import LogFormatter
-
-    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
-        if axis.get_scale() == "log":
-            axis.set_major_formatter(LogFormatter(labelOnlyBase=True))
-            axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.0, 0.4)))

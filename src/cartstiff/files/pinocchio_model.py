@@ -18,11 +18,11 @@ from cartstiff.core.arrays import Array, checked_vector
 from cartstiff.core.errors import InputError
 from cartstiff.core.geometry import se3
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.mechanisms.tree import expansion, standing
 from cartstiff.core.notes import Note
 from cartstiff.files.bare import Bare, places_in, with_overrides
 from cartstiff.files.description import Followers, RobotDescription, successive_turns
 from cartstiff.files.passes import one_robot
+from cartstiff.files.plain_joints import expansion, standing
 from cartstiff.files.visuals import geometry_pieces
 
 _TYPES = {pin.ContactType.CONTACT_3D: "point", pin.ContactType.CONTACT_6D: "weld"}

@@ -22,13 +22,7 @@ from cartstiff.core.mechanisms.tree import (
     WORLD,
     FixedFrame,
     KinematicTree,
-    axis_coordinate,
     check_coordinates,
-    expansion,
-    limits_of_joint,
-    primitive,
-    set_position,
-    standing,
 )
 from cartstiff.files.flexible_links import (
     SEGMENT,
@@ -37,6 +31,14 @@ from cartstiff.files.flexible_links import (
     Give,
     Place,
     springs_by_joint,
+)
+from cartstiff.files.plain_joints import (
+    axis_coordinate,
+    expansion,
+    limits_of_joint,
+    primitive,
+    set_position,
+    standing,
 )
 
 

@@ -177,30 +177,6 @@ def rigid_torques(
     return dict(zip(names, (-multipliers[end - len(names) : end]).tolist(), strict=True))
 
 
-def drive_rows(
-    elastic: ElasticMechanism, posture: MechanismPosture
-) -> tuple[tuple[str, ...], Array]:
-    """Names of the drives, and the rows (m, n) by which their forces act.
-
-    ``rows^T forces`` is what springs of joints and couplings, legs, and rigid joints add
-    to the gradient.
-    """
-    springs, n = elastic.springs, len(elastic.names)
-    names, rows = list[str](), [np.zeros((0, n))]
-    if springs is not None:
-        own = ~springs.is_passive
-        names += compress(elastic.spring_names, own)
-        sign = -1.0 if springs.has_coordinate(n).any() else 1.0
-        rows.append(sign * springs.rows(posture)[own])
-    rigid = sorted(elastic.mechanism.rigid)
-    names += [elastic.names[j] for j in rigid]
-    rows.append(-np.eye(n)[rigid])
-    for sums in elastic.sums:
-        names += sums.names
-        rows.append(sums.factors)
-    return tuple(names), np.concatenate(rows)
-
-
 def drive_limits(elastic: ElasticMechanism, names: Sequence[str]) -> tuple[Array, Array]:
     """Least and largest force (m,) of drives by name; cables cannot push."""
     limits, springs = elastic.force_limits, elastic.springs

@@ -36,7 +36,7 @@ from cartstiff.core.mechanisms.shapes import (
     Shape,
     Sphere,
 )
-from cartstiff.core.mechanisms.tree import add_joint, primitive
+from cartstiff.core.mechanisms.tree import add_joint
 from cartstiff.files.child_process import answer_of
 from cartstiff.files.description import (
     POSITION_ACTUATORS,
@@ -52,6 +52,7 @@ from cartstiff.files.description import (
 )
 from cartstiff.files.identity import fingerprint, was_read
 from cartstiff.files.mjcf import worker
+from cartstiff.files.plain_joints import primitive
 from cartstiff.files.schema import CoupledSpringModel, LineModel
 from cartstiff.files.tree_building import free_name
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from cartstiff.answer.data import said
 from cartstiff.core.errors import one_line
-from cartstiff.core.figures import figure_content
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.shown.report.output import figure_content
 from cartstiff.shown.report.sentences import answer_sentences, statement_sentences
 from cartstiff.wings.maps.answer import answer_of_map, map_data
 from cartstiff.wings.maps.pictures import draw_map

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from cartstiff.core.figures import figure_content
+from cartstiff.core.errors import InputError, printable
 from cartstiff.core.writing import write_whole
 
 
@@ -46,3 +47,35 @@ def save_figure(figure: Any, file: str | Path) -> None:
     """
     path = Path(file)
     write_whole(path, figure_content(figure, path.suffix))
+
+
+def figure_content(figure: Any, ending: str) -> bytes:
+    """Return the content of a .png, .svg or .pdf file of a figure.
+
+    Raises
+    ------
+    InputError
+        For another ending.
+    """
+    ending = ending.lower()
+    if ending not in (".png", ".svg", ".pdf"):
+        raise InputError("unknown file ending", expected=".png, .svg or .pdf", got=ending)
+    from matplotlib.text import Text
+
+    buffer = io.BytesIO()
+    _without_formulas(figure)
+    for text in figure.findobj(Text):  # names are not formulas, nor control characters
+        text.set_text(printable(text.get_text()))
+        text.set_parse_math(False)
+    figure.savefig(buffer, format=ending[1:])
+    return buffer.getvalue()
+
+
+def _without_formulas(figure: Any) -> None:
+    """Label logarithmic axes with 1e-03 instead of formulas, which are not rendered."""
+    from matplotlib.ticker import LogFormatter
+
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter(LogFormatter(labelOnlyBase=True))
+            axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.0, 0.4)))
