@@ -128,7 +128,7 @@ HOMES = {
     "shown.report.frames": "describe_frames frames_of",
     "shown.report.layout": "percent",
     "shown.report.maps": "map_section",
-    "shown.report.output": "figure_content save_figure write_json",
+    "shown.report.output": "save_figure write_json",
     "shown.report.reach": "boundary_csv",
     "shown.report.sentences": """
         SENTENCES TITLES VERDICTS answer_sentences direction_words share_words words_of
