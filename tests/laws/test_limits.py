@@ -37,6 +37,15 @@ def leg_lengths(q):
     return np.linalg.norm(points.points_P @ R.T + q[:3] - points.anchors, axis=1)
 
 
+def test_sides_are_minus_one_zero_and_one():
+    limits = Limits(ur5().mechanism)
+    beyond = np.array([-0.1, 0.0, 0.1])
+    for column, (low, high) in enumerate(zip(limits.lower, limits.upper, strict=True)):
+        values = np.tile(0.5 * (limits.lower + limits.upper), (3, 1))
+        values[:, column] = np.array([low, values[1, column], high]) + beyond
+        assert limits.side(values)[:, column].tolist() == [-1, 0, 1]
+
+
 def test_degrees_typed_for_radians_are_named():
     note = notes_of(cartstiff.analyse(ur5(), DEGREES))["beyond-limits"]
     assert set(note.values) == {"shoulder_lift_joint", "elbow_joint", "wrist_2_joint"}

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.doors import TabulatedLaw
 
 import cartstiff
 from cartstiff import InputError, JointFunction
@@ -25,6 +26,17 @@ SLIDING = """<robot name='r'><link name='l0'/>
 <limit lower='-2' upper='2' effort='1' velocity='1'/></joint>
 <joint name='f' type='fixed'><parent link='l3'/><child link='tool0'/>
 <origin xyz='.1 .2 .3'/></joint></robot>"""
+
+
+@pytest.mark.parametrize("pieces", ["linear", "smooth"])
+def test_a_table_in_other_units_is_the_same_law(pieces):
+    """Force of a spring by its deflection, in m and N, and in mm and kN."""
+    law = TabulatedLaw((-0.02, 0.0, 0.01, 0.03), (-5.0, 0.0, 1.0, 9.0), pieces)
+    other = law.in_units(1e3, 1e-3)
+    for x in (-0.015, 0.004, 0.02):
+        energy, force, stiffness = law.evaluate(x)
+        assert other.evaluate(1e3 * x) == pytest.approx((energy, 1e-3 * force, 1e-6 * stiffness))
+
 
 NAMES = [
     "ur5",

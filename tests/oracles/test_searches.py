@@ -33,6 +33,15 @@ def test_a_zero_is_that_of_brents_method(name):
     assert len(seen) <= 60
 
 
+@pytest.mark.parametrize("name", ["cubic", "cosine"])
+def test_smooth_functions_are_interpolated(name):
+    """Halves alone would take 34 evaluations to an interval of 1e-10."""
+    function, start, end = CASES[name]
+    seen = []
+    zero_between(lambda x: seen.append(x) or function(x), start, end, 1e-10, 100)
+    assert len(seen) <= 10
+
+
 def test_the_bound_on_evaluations_is_kept():
     """The best place so far is returned."""
     seen = []
