@@ -196,3 +196,14 @@ def test_scene_and_report_draw_what_it_says() -> None:
         middle = np.abs(T[:3, 3] - way[i : i + 2].mean(axis=0)).max()
         start = np.abs(T[:3, 3] - way[i]).max()
         assert min(middle, start) < 1e-9, ends
+
+
+def test_a_chain_is_drawn_from_joint_to_joint_to_its_body():
+    """And each loop to the frames that it ties."""
+    for name in ("3-rrr", "five-bar"):
+        posture = cartstiff.analyse(cartstiff.load(name)).posture
+        drawn = posture.drawn()
+        assert drawn.paths[0][-1] == pytest.approx(posture.pose[:3, 3], abs=1e-12)
+        ends = [path[-1] for path in drawn.paths[1:]]
+        for a, b in zip(ends[::2], ends[1::2], strict=True):
+            assert a == pytest.approx(b, abs=1e-9)

@@ -156,3 +156,12 @@ def test_a_payload_among_the_loads_is_told_in_kilograms(tmp_path):
     cell = cartstiff.load(file)
     hung = payload(20.0 / cell.units.newtons, (0.0, 0.0, -9.81))
     assert gravity_loads(cell, [hung]).payload == pytest.approx(20.0)
+
+
+def test_masses_on_a_platform_add_their_moments():
+    """Two payloads are one at their centre."""
+    bare = cartstiff.load("stewart-gough")
+    both = bare.with_payload(2.0, [0.0, 0.0, 0.1]).with_payload(3.0, [0.2, -0.1, 0.4]).mechanism
+    assert both.mass - bare.mechanism.mass == pytest.approx(5.0)
+    assert bare.mechanism.mass == 0.0
+    assert both.mass_centre == pytest.approx([0.12, -0.06, 0.28], rel=1e-12)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.doors import (
     Chain,
     CoupledSprings,
@@ -222,6 +223,31 @@ def test_flexible_link_adds_its_compliance():
     J = body_jacobian(model, arm.q, "tip")
     expected = J @ J.T / 100.0 + to_tip @ C_link @ to_tip.T
     assert relative_error(analyse(elastic).compliances["B"], expected) <= 1e-10
+
+
+def test_the_mass_beyond_a_flexible_link_is_carried():
+    """That of a link fixed to its end: all of it, where it is while nothing bends."""
+    tool = "<link name='tool'><inertial><mass value='2'/><origin xyz='.1 .2 .3'/>"
+    own = "<link name='link'><inertial><mass value='3'/><origin xyz='.2 0 0'/>"
+    solid = "<inertia ixx='.1' iyy='.2' izz='.25' ixy='0' ixz='0' iyz='0'/></inertial></link>"
+    joints = """<joint name='j' type='revolute'><parent link='base'/><child link='link'/>
+      <axis xyz='0 1 0'/><limit lower='-2' upper='2' effort='1' velocity='1'/></joint>
+      <joint name='f' type='fixed'><parent link='link'/><child link='tool'/>
+      <origin xyz='.5 0 0'/></joint>"""
+    text = f"<robot name='r'><link name='base'/>{own}{solid}{tool}{solid}{joints}</robot>"
+    model = pin.buildModelFromXML(text)
+    end = np.eye(4)
+    end[0, 3] = 0.5
+    tree = plain_tree(model, flexible={"link": Give(end)})
+    assert sum(body.mass for body in tree.model.inertias) == pytest.approx(5.0)
+    g = np.array([0.3, -0.2, -9.81])
+    q = np.zeros(tree.n)
+    names = [c.name for c in tree.coordinates]
+    q[names.index("j")] = 0.4
+    R = Rotation.from_euler("y", 0.4).as_matrix()
+    arms = R @ (3.0 * np.array([0.2, 0.0, 0.0]) + 2.0 * np.array([0.6, 0.2, 0.3]))
+    found = tree.at(q).gravity(g).gradient[names.index("j")]
+    assert found == pytest.approx(-np.cross(arms, g)[1], rel=1e-12)
 
 
 def _mimic(tree: KinematicTree) -> KinematicTree:
