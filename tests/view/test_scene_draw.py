@@ -142,7 +142,7 @@ def test_an_indefinite_matrix_has_no_ellipsoid():
     facts = legend["ellipsoids"]["rotation"]
     assert not facts["shown"]
     assert facts["definiteness"] == "indefinite"
-    assert "indefinite, smallest principal value -511" in facts["reason"]
+    assert "indefinite, softest -511" in facts["reason"]
     viewer, body = drawing.viewer, drawing.body("rotation")
     assert not viewer.visible(body)
     parts = [body.replace("body", f"axis {i}") for i in (1, 3)]

@@ -243,7 +243,7 @@ def _reason(shape: Ellipsoid, unit: str) -> str:
         return FLAT_WORDS[int(np.sum(shape.eigenvalues == 0.0))]
     if kind == "zero":
         return "it is zero"
-    return f"{kind}, smallest principal value {low}"
+    return f"{kind}, softest {low}"
 
 
 def _darker(colour: int) -> int:

@@ -2,7 +2,7 @@
 // each, with ratios; their pictures under the same camera, at the same scale.
 
 import { displacementWords } from "./deflection.js";
-import { button, byId, el, heading, hint, inSize, short } from "./dom.js";
+import { button, byId, el, heading, inSize, short } from "./dom.js";
 import { actsAt } from "./formulas.js";
 import { symbol } from "./matrix.js";
 import { freeness } from "./numbers.js";
@@ -97,6 +97,7 @@ class Row {
 
   /** Numbers, the state that they are of, or why there are none. */
   accept(numbers, shown, error = null) {
+    this.figure?.classList.remove("waits");
     Object.assign(this, { numbers, shown, error });
     this.onchange();
   }
@@ -157,10 +158,9 @@ export function compareCard(store) {
   const keep = button("", () => store.keep(),
     { title: "Keep posture, load and springs as a state to compare with (a)" });
   const pictures = el("input", { type: "checkbox", onchange: () => show() });
-  const aside = el("label", { class: "check" }, pictures, "pictures side by side");
-  const words = hint("×: ratio of a row to the current state. Pictures: one camera, radii as in the legend. "
-    + "Dash-dotted curves are rows.");
-  byId("right").append(el("div", { class: "card compare-card" }, heading("States", keep), table, aside, words));
+  const aside = el("label", { class: "check", title: "One camera, one scale, radii as in the legend" }, pictures,
+    "pictures side by side");
+  byId("right").append(el("div", { class: "card compare-card" }, heading("States", aside, keep), table));
   const beside = byId("beside");
 
   function insert(row) {
@@ -199,7 +199,7 @@ export function compareCard(store) {
         const node = el("div", { class: "pane" });
         row.bar = el("i", { class: "scale" });
         row.caption = el("figcaption", {});
-        row.figure = el("figure", {}, node, row.caption);
+        row.figure = el("figure", { class: "waits" }, node, row.caption);
         beside.append(row.figure);
         row.open(node);
       } else row.open(null);
@@ -233,15 +233,14 @@ export function compareCard(store) {
     for (const row of rows) if (row.figure) caption(row);
     keep.disabled = !store.freeNumber;
     keep.textContent = store.freeNumber ? `Keep as ${store.freeNumber}` : "Three are kept";
-    table.hidden = aside.hidden = words.hidden = !rows.length;
+    table.hidden = aside.hidden = !rows.length;
     if (!rows.length || !numbers) return;
     const here = values(numbers, store.shown);
     const [[turnUnit], [, moveUnit]] = store.blockUnits();
     const sizes = [store.unit("length"), moveUnit, turnUnit]
       .map((unit, k) => inSize((k ? here[k] : store.sizes.displacement) ?? 0, unit));
     const [moving, turning] = freeness(store.shown);
-    const heads = ["moves", `softest of ${symbol(store.shown)}, ${moving}`,
-      `in rotation, ${turning}`];
+    const heads = [["moves", ""], ["softest", `, ${moving}`], ["in rotation", `, ${turning}`]];
     const line = (name, title, found, note, ...buttons) =>
       el("tr", { title: title ?? null }, el("th", { scope: "row" }, name, " ", el("span", { class: "dim" }, note),
         ...buttons),
@@ -250,8 +249,8 @@ export function compareCard(store) {
       ratio === null ? "" : el("span", { class: "ratio dim" }, ` × ${short(ratio, 3)}`));
     table.replaceChildren(
       el("thead", {}, el("tr", {}, el("td"),
-        ...heads.map((word, k) => el("th", { scope: "col" }, word, el("br"),
-          el("span", { class: "unit" }, sizes[k][1]))))),
+        ...heads.map(([word, others], k) => el("th", { scope: "col", title: k ? `of ${symbol(store.shown)}` : null },
+          word, el("br"), el("span", { class: "unit" }, sizes[k][1]), others)))),
       el("tbody", {}, line(el("b", {}, "now"), "The current state", here.map((x, k) => cell(x, k, null)),
         store.hello.mechanisms?.length > 1 ? store.hello.mechanism.name : ""),
         ...rows.map((row) => {

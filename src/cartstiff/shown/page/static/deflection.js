@@ -126,7 +126,7 @@ export function deflectionPanel(store) {
 
   /** What is true with a load or without: the softest direction, how sure the springs are. */
   function facts() {
-    const { softest: soft, result, verdict } = store.numbers;
+    const { softest: soft, result, moved, verdict } = store.numbers;
     softest.hidden = !soft;
     const where = soft?.which ? plainly(soft.which) : "along more than one direction alike";
     if (soft) {
@@ -142,7 +142,9 @@ export function deflectionPanel(store) {
     doubt.hidden = !words.length;
     doubt.textContent = words.join("; ");
     doubt.title = found.some(({ kind }) => kind === "illustrative") ? store.hello.mechanism.source : "";
-    const said = [beyond?.replace(/^b/, "B"), verdict.advice].filter(Boolean);
+    // Where the answer is here, what to try instead is not said.
+    const tried = moved?.resisted ? null : verdict.advice;
+    const said = [beyond?.replace(/^b/, "B"), tried].filter(Boolean);
     advice.textContent = plainly(said.join(". "));
     advice.hidden = !said.length;
   }
@@ -182,9 +184,12 @@ export function deflectionPanel(store) {
     const row = (name, value, title) =>
       el("div", { title }, el("span", { class: "dim" }, name), el("span", { class: "num" }, value));
     const { displacement } = store.sizes;
+    const isTurned = moved.in_room.some((x, i) => Math.abs(x - moved.displacement[i]) > NEGLIGIBLE_DIFFERENCE * way);
     detail.append(
-      row("tool axes", together(moved.displacement, store.unit("length"), displacement), "along the axes of M"),
-      row("room axes", together(moved.in_room, store.unit("length"), displacement), "along the axes of F"),
+      ...(isTurned ? [row("tool axes", together(moved.displacement, store.unit("length"), displacement),
+        "along the axes of M")] : []),
+      row(isTurned ? "room axes" : "tool and room axes", together(moved.in_room, store.unit("length"), displacement),
+        "along the axes of F"),
       ...(moved.acts_at.some((x) => x) ? [row("wrench at M", [0, 3]
         .map((i) => together(wrench.slice(i, i + 3), store.unit(i ? "force" : "moment"))).join(";  "),
       "moment and force about the origin of M, along its axes")] : []),

@@ -262,7 +262,7 @@ export class Drawing {
       if (shown) this.put(`${at}/ring ${k}`, [...[1, 2, 0].map((i) => along(axes[i], radius)), centre]);
     }
     const reason = isFlat ? assets.flat_words[values.filter((x) => x === 0).length]
-      : kind === "zero" ? "it is zero" : `${kind}, smallest principal value ${number(values[0], unit,
+      : kind === "zero" ? "it is zero" : `${kind}, softest ${number(values[0], unit,
         Math.min(...values.filter(Boolean).map(Math.abs)))}`;
     return { shown: solid, reason: kind === "positive" ? null : reason, unit, scale: scale.facts,
       cut: Math.max(...lengths) >= scale.most };

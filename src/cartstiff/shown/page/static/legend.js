@@ -88,6 +88,9 @@ function colourBar({ label, unit, count, lower, upper, log, kinds, better, stops
     el("span", { class: "ends small num" }, ...[lower, upper].map((x) => el("span", {}, short(x / factor))))];
 }
 
+/** A line without what a note says beside it. */
+const unsaid = (text, notes) => notes.reduce((left, { message }) => left.replace(`: ${message}`, ""), text);
+
 /** Whether the colours of legs are those of their shares. */
 const isShared = ({ legs, moved }) => Boolean(legs && moved?.resisted && moved.shares);
 
@@ -111,6 +114,7 @@ export function legendBox(store) {
     box.replaceChildren(el("div", { class: "num", title: "As long as this at M; what is nearer looks larger" }, scale,
       ` ${legend.bar.text}`),
       ...legend.lines.filter(({ mark }) => mark !== "tension" || !isShared(store.numbers))
+        .map(({ mark, title, text }) => ({ mark, title, text: unsaid(text, store.numbers.result.notes) }))
         .map(({ mark, text, title }) => el("div", { title },
         el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${typeset(text)}`)));
     bars();

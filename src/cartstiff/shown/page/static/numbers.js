@@ -1,12 +1,12 @@
 // Verdict, principal values, condition, distance to singularities, notes.
 
 import { angles } from "./algebra.js";
-import { button, byId, chop, clamp, el, engineering, heading, inSize, plainly, short, stateChoice, sure, together,
+import { button, byId, chop, clamp, el, engineering, heading, inSize, plainly, short, stateChoice, sure,
   tuple } from "./dom.js";
 import { symbol } from "./matrix.js";
 import { NEAR_SINGULARITY, PRINTED_AS_ZERO, RANK } from "./numerics.js";
 
-const KINDS = { serial: "Distance to a singularity", "type-2": "Distance to a singularity of the drives" };
+const KINDS = { serial: "singularity", "type-2": "singularity of the drives" };
 const ICONS = { good: "✓", warning: "!", bad: "✕", none: "…" };
 
 export function verdictLine(store) {
@@ -88,19 +88,19 @@ export function numbersPanel(store) {
     const length = store.unit("length");
     const fact = (name, value, title = "") => [el("dt", {}, name), el("dd", { title }, value)];
     facts.replaceChildren(
-      ...fact("Condition number", !indices ? "–" : indices.condition_number === null ? "∞ (singular)"
+      ...(indices ? fact("Condition number", indices.condition_number === null ? "∞ (singular)"
         : `${short(indices.condition_number)} at length ${engineering(indices.length, length)}`,
-      indices ? `Angles are multiplied by a length: ${indices.length_reason}. Smallest eigenvalue over largest: `
+      `Angles are multiplied by a length: ${indices.length_reason}. Smallest eigenvalue over largest: `
         + `${indices.eigenvalues.map((x) => short(x)).join(", ")}. Of translation, rotation held `
         + `${short(indices.translational_condition)}; of rotation, translation held `
-        + `${short(indices.rotational_condition)}` : ""),
-      ...fact("Position", together(chop(numbers.position, numbers.singularity[0]?.length), length),
+        + `${short(indices.rotational_condition)}`) : []),
+      ...fact("Position", `${tuple(chop(numbers.position, numbers.singularity[0]?.length), 4)} ${length}`,
         `roll, pitch, yaw ${angles(numbers.result.pose).map((a) => short((a * 180) / Math.PI)).join(", ")}°`));
     meters.replaceChildren(...numbers.singularity.map(meter));
   }
 
   function meter({ kind, ratio, smallest, largest, length }) {
-    const words = KINDS[kind];
+    const words = `Distance to a ${KINDS[kind]}`;
     const share = ratio > 0 ? clamp(1 + Math.log10(ratio) / 4, 0, 1) : 0; // logarithmic from 0.0001 to 1
     return el("div", { class: "singular", "data-level": ratio < RANK ? "bad" : ratio < NEAR_SINGULARITY ? "warning"
       : "good",

@@ -25,15 +25,16 @@ export function doubts({ hello: { mechanism } }, { stiffness }) {
   const { springs, is_illustrative: isIllustrative } = mechanism;
   const own = springs.filter(({ stiffness: k }, i) => !stiffness || stiffness[i] === k);
   const sprung = springs.filter(({ stiffness: k }) => k !== 0).length;
+  const called = mechanism.called === "cable robot" ? "Cables" : "Springs";
   const words = { assumed: "assumed", illustrative: "illustrative, not measured" };
   const found = Object.keys(words).flatMap((kind) => {
     const count = own.filter(({ doubt }) => doubt === kind).length;
-    return count ? [{ kind, words: count < sprung ? `${count} of ${sprung} springs ${words[kind]}`
-      : `Springs ${words[kind]}` }] : [];
+    return count ? [{ kind, words: count < sprung ? `${count} of ${sprung} ${called.toLowerCase()} ${words[kind]}`
+      : `${called} ${words[kind]}` }] : [];
   });
   // Springs besides those that can be replaced here.
   const others = isIllustrative && !springs.some(({ doubt }) => doubt === "illustrative");
-  return others ? [...found, { kind: "illustrative", words: `Springs ${words.illustrative}` }] : found;
+  return others ? [...found, { kind: "illustrative", words: `${called} ${words.illustrative}` }] : found;
 }
 
 /** What a plot is of: mechanism, state and program, in lines. */

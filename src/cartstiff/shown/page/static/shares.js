@@ -65,7 +65,7 @@ export function shareBars(store) {
       el("span", { class: "num" }, signed ? "−100" : "0"), scale, el("span", { class: "num" }, "100 %"));
     const focused = all(".moved-bar:focus")[0]?.dataset.part;
     list.replaceChildren(...parts.map(({ name, share }) => bar(name, share, true)),
-      ...(Math.abs(found.rest) >= UNSAID ? [bar("no joint: load, other potentials", found.rest, false)] : []));
+      ...(Math.abs(found.rest) >= UNSAID ? [bar("no joint or leg", found.rest, false)] : []));
     if (focused) all(".moved-bar").find(({ dataset }) => dataset.part === focused)?.focus();
   });
   store.on("part", (name) => {
