@@ -53,7 +53,7 @@ function build(source) {
   parts.strip = strip(store);
   guides(store);
   banners(store, source);
-  for (const card of document.querySelectorAll(".card:not(details, .moved-card)")) foldable(card);
+  for (const card of document.querySelectorAll(".card:not(details, .moved-card, .notes-card)")) foldable(card);
   store.on("hello", () => source.moves || fix());
   for (const event of ["numbers", "error"]) store.on(event, () => loaded(1));
   if (source.live) ownArithmetic(store, source);
