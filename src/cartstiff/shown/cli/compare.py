@@ -34,6 +34,9 @@ def command(
     compared with itself under --with. Ratios are the second over the first. What only one
     of them has is named.
 
+    `cartstiff view MECHANISM OTHER` with the same options shows both on a page, side by
+    side at one scale.
+
     Parameters
     ----------
     setup
