@@ -223,7 +223,8 @@ class Model:
         if self._is_open:
             # One stiffness at all postures, of the joints that are linear springs.
             posture = mechanism.mechanism.at(q[0])
-            H = sum(t.evaluate(posture).hessian for t in mechanism.terms())
+            each_H = [term.evaluate(posture).hessian for term in mechanism.terms()]
+            H = np.sum(each_H, axis=0)
             bent = [*self.unknowns.elastic.springs.laws]  # type: ignore[union-attr]
             own = np.setdiff1d(np.flatnonzero(np.any(H, axis=0)), bent)
             inverse = np.zeros_like(H)

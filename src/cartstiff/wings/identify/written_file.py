@@ -227,11 +227,11 @@ def _put_equal_legs(legs: Any, elastic: ElasticMechanism) -> None:
         For springs that such an entry cannot hold: of other joints, unless all legs have
         the same, of links, and of several entries.
     """
-    found = dict[str, list[float]]()
+    found, bent = dict[str, list[float]](), _bent(elastic)
     for name in elastic.names:
-        if name in elastic.compliances:
-            k = 1.0 / elastic.compliances[name].value
-            found.setdefault(name.partition("/")[2], []).append(k)
+        if name in elastic.compliances and name not in bent:
+            own = 1.0 / elastic.compliances[name].value
+            found.setdefault(name.partition("/")[2], []).append(own)
     entry: dict[str, Any] = {"flexible": True} if isinstance(legs, list) else legs
     driven = [joint for joint in found if joint not in entry.get("springs", {})]
     uneven = [
