@@ -87,7 +87,7 @@ def turned_axes(
     rows = np.array(axes or ([[0, 0, 1]] * 2 if hinge else [[1, 0, 0], [0, 1, 0]]), float)
     if not rows.any(axis=1).all():
         raise InputError("an axis has no direction", where=where, got=rows.tolist())
-    from cartstiff.core.mechanisms.leg_shapes import frame_along
+    from cartstiff.kinematics.leg_shapes import frame_along
 
     a, b = frame_along(rows, np.eye(3)[np.abs(rows).argmin(axis=1)])
     return [a, b if hinge else np.roll(b, 1, axis=1)]

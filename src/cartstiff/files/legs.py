@@ -14,12 +14,12 @@ from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError, check_name
 from cartstiff.core.geometry import se3
-from cartstiff.core.mechanisms.leg_shapes import Family, LegShape, frame_along, turns
 from cartstiff.core.notes import Note
 from cartstiff.files.bare import pose_of
 from cartstiff.files.description import RobotDescription
 from cartstiff.files.leg_schema import LegEndsModel, LegModel, NamedLegs, ParallelFile
 from cartstiff.files.schema import JointSpringModel, PoseModel, one_each
+from cartstiff.kinematics.leg_shapes import Family, LegShape, frame_along, turns
 
 _Z = np.array([0.0, 0.0, 1.0])
 

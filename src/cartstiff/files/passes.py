@@ -64,8 +64,8 @@ from cartstiff.files.readers import robot_of
 from cartstiff.files.tree_building import extended, merged
 
 if TYPE_CHECKING:
-    from cartstiff.core.mechanisms.leg_shapes import PlacedLeg
     from cartstiff.files.schema import BeamModel, ClosureModel, JointSpringModel
+    from cartstiff.kinematics.leg_shapes import PlacedLeg
 
 # -- where robots stand, and what ties them ----------------------------------------------
 
@@ -141,7 +141,7 @@ def welded(whole: Assembly) -> Assembly:
 
 def placed_legs(whole: Assembly) -> tuple[PlacedLeg, ...]:
     """Legs by name with the indices of their joints among the coordinates."""
-    from cartstiff.core.mechanisms.leg_shapes import PlacedLeg
+    from cartstiff.kinematics.leg_shapes import PlacedLeg
 
     placed = []
     for part, grip in zip(whole.parts, grips(whole), strict=True):

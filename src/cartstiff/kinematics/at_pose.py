@@ -25,10 +25,10 @@ from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.chain import Chain, ChainPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.core.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.core.notes import Note
 from cartstiff.core.numerics.searches import least_change
 from cartstiff.kinematics.inverse import inverse_kinematics
+from cartstiff.kinematics.leg_shapes import PlacedLeg
 from cartstiff.kinematics.legs import Leg, legs_of
 from cartstiff.kinematics.rods import rod_of
 

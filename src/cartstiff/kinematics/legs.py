@@ -31,9 +31,9 @@ from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.chain import Chain, Closure
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.core.mechanisms.tree import FixedFrame, part_of
 from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, distinct
+from cartstiff.kinematics.leg_shapes import PlacedLeg
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cartstiff.core import numerics
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.se3 import Array
-from cartstiff.core.mechanisms.leg_shapes import LegShape
+from cartstiff.kinematics.leg_shapes import LegShape
 from cartstiff.kinematics.legs import Leg
 
 

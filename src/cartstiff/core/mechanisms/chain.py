@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from math import sqrt
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,7 +64,6 @@ from cartstiff.core.potentials.contract import (
 from cartstiff.core.units import Units
 
 if TYPE_CHECKING:
-    from cartstiff.core.mechanisms.leg_shapes import PlacedLeg
     from cartstiff.core.mechanisms.shapes import Piece
 
 
@@ -360,7 +359,8 @@ class Chain(Mechanism):
         #: Mass [kg] of the payload on each joint that carries some, and that of the links
         #: there.
         self.payload: dict[int, tuple[float, float]] = {}
-        self.legs: tuple[PlacedLeg, ...] = ()  # those with kinematics in closed form
+        #: Those with kinematics in closed form, as `kinematics.leg_shapes` has them.
+        self.legs: tuple[Any, ...] = ()
         self.home: ReferencePosture | None = None  # the file's posture, closed
         self.world = WORLD
         for closure in self.closures:
