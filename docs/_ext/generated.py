@@ -384,7 +384,8 @@ class ScriptsOfTheDay(_Text):
             title, _, rest = doc.partition("\n")
             title = title.partition(":")[0]
             yield from ["", f".. _example-{path.stem}:", "", title, "-" * len(title), ""]
-            yield from [doc.partition(": ")[2].partition("\n")[0].capitalize(), ""]
+            first = doc.partition(": ")[2].partition("\n")[0]
+            yield from [first[:1].upper() + first[1:], ""]
             yield from rest.strip().splitlines()
             yield from ["", f".. image:: images/{path.stem}.png", f"   :alt: {title}", ""]
             for name, language in ((f"{path.stem}.py", "python"), (f"{path.stem}.txt", "text")):
