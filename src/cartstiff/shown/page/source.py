@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cartstiff.core import numerics
 from cartstiff.core.arrays import named_values
 from cartstiff.core.errors import InputError, one_line
 from cartstiff.core.geometry import se3
@@ -452,7 +453,9 @@ def softest_stiffness(elastic: ElasticMechanism, q: Array) -> Array:
     values = np.linalg.eigvalsh(0.5 * (C + C.swapaxes(1, 2))[known])
     held = values[:, 0] > 0.0
     softest[np.flatnonzero(known)[held]] = 1.0 / values[held, -1]
-    return softest
+    # Of singular postures rounding is left.
+    most = np.nanmax(softest, initial=0.0)
+    return np.where(softest > numerics.NEGLIGIBLE_DIFFERENCE * most, softest, np.nan)
 
 
 def _kinds_of_limits(names: Sequence[str], elastic: ElasticMechanism | None) -> list[str]:
