@@ -21,7 +21,7 @@ ALLOWED = {
     "files/visuals.py": "metres of which no robot has so many",
     "recorded/algebra.py": "the largest angle that the sine of the fast code takes",
     "recorded/vector_code.py": "coefficients of sine and cosine",
-    "core/mechanisms/tree.py": "limits that stand for none",
+    "files/plain_joints.py": "limits that stand for none",
     "shown/page/api.py": "bytes to megabytes",
     "shown/page/guides.py": "metres that a guide allows",
     "wings/identify/measurements.py": "metres that no robot moves under a newton",

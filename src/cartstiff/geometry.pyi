@@ -8,6 +8,6 @@ from .core.geometry.connections import CARTAN_MINUS as CARTAN_MINUS
 from .core.geometry.connections import CARTAN_PLUS as CARTAN_PLUS
 from .core.geometry.connections import KINEMATIC as KINEMATIC
 from .core.geometry.connections import Connection as Connection
-from .core.geometry.connections import from_bilinear_map as from_bilinear_map
 from .core.geometry.connections import from_symbols as from_symbols
-from .core.geometry.connections import levi_civita as levi_civita
+from .core.geometry.made_connections import from_bilinear_map as from_bilinear_map
+from .core.geometry.made_connections import levi_civita as levi_civita
