@@ -288,11 +288,14 @@ class Beam(Potential):
         hessian[at[:, :, None], at[:, None, :]] = hessians
         return Evaluation(float(energies.sum()), gradient, hessian)
 
+    def is_bent(self, posture: Posture) -> bool:
+        """Whether a segment is deflected."""
+        return bool(posture.q[self.indices].any())
+
     def prepare(self, alike: Sequence[Beam], posture: Posture) -> None:
-        """Find the segments of all that are bent at once."""
-        every = ((beam, posture.q[beam.indices]) for beam in alike)
-        each = [(beam, x) for beam, x in every if x.any()]
-        if len(each) < 2 or all(x.tobytes() in beam._last for beam, x in each):
+        """Find the segments of all at once."""
+        each = [(beam, posture.q[beam.indices]) for beam in alike]
+        if all(x.tobytes() in beam._last for beam, x in each):
             return
         found, start = each[0][0]._evaluated(np.concatenate([x for _, x in each])), 0
         for beam, x in each:

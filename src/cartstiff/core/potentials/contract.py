@@ -364,6 +364,10 @@ class Potential(ABC):
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian at a posture."""
 
+    def is_bent(self, posture: Posture) -> bool:  # noqa: ARG002
+        """Whether it has to be prepared with others at a posture."""
+        return True
+
     def prepare(self, alike: Sequence[Self], posture: Posture) -> None:  # noqa: B027
         """Find at once what several with the same `common` have at a posture.
 
@@ -541,7 +545,7 @@ def alike(terms: Iterable[_Term]) -> Collection[list[_Term]]:
 
 def evaluate_together(terms: Sequence[Potential], posture: Posture) -> list[Evaluation]:
     """Each potential at a posture, those that are alike at once."""
-    for group in alike(terms):
+    for group in alike([t for t in terms if t.common is not None and t.is_bent(posture)]):
         if len(group) > 1:
             group[0].prepare(group, posture)
     return [term.evaluate(posture) for term in terms]
