@@ -407,6 +407,8 @@ class Answer:
         if verdict is None:
             verdict = Verdict(LEVELS.get(statements[0].code, "good"), statements[0].code)
         doubts = doubts_of(elastic, every, verdict)
+        if "weight" not in parts:
+            parts["weight"] = gravity_loads(elastic)
         return cls(
             question=question,
             subject=elastic.name,
@@ -418,7 +420,6 @@ class Answer:
             doubts=doubts,
             notes=[note for note in every if note not in doubts],
             statements=(*statements, *parts.pop("statements", ())),
-            weight=parts.pop("weight", None) or gravity_loads(elastic),
             **parts,
         )
 
