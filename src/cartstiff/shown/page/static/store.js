@@ -62,7 +62,7 @@ export class Store extends EventTarget {
     const now = performance.now();
     const again = kind === this.lastKind && now - this.lastTime < TOGETHER;
     [this.lastKind, this.lastTime] = [kind, now];
-    if (again || this.travelling || this.pane.holding && !kind.startsWith("hand")) return;
+    if (again || this.pane.holding && !kind.startsWith("hand")) return;
     this.past.push(this.step());
     if (this.past.length > MOST_PAST) this.past.shift();
     this.future = [];
@@ -102,11 +102,9 @@ export class Store extends EventTarget {
     if (this.sent) this.apply(wishes);
     else Object.assign(this.state, wishes); // the first picture is asked for once all is known
     this.tell("kept", kept);
-    this.travelling = true;
     this.tell("angles", angle);
     this.wishedPlot = plot;
     if (this.sent) this.tell("replot");
-    this.travelling = false;
   }
 
   /** Pull M towards a pose, or legs to lengths, see state.py. */

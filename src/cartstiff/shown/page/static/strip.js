@@ -123,9 +123,9 @@ export function strip(store) {
       : why(series.rows[k])}`, event);
   }
 
-  /** Show something else. */
-  function showPlot(change) {
-    if (store.numbers && Object.entries(change).some(([key, value]) =>
+  /** Show something else; what a user wished is a step that can be taken back. */
+  function showPlot(change, isStep = true) {
+    if (isStep && store.numbers && Object.entries(change).some(([key, value]) =>
       String(store.plot[key]) !== String(value))) store.remember(`plot ${Object.keys(change)}`);
     Object.assign(store.plot, change);
     [what.value, quantity.value, map.select.value, scale.value] = [store.plot.along, store.plot.of, store.plot.and,
@@ -249,7 +249,7 @@ export function strip(store) {
       const { at, rows, seconds } = await store.ask(question);
       if (asked !== own) return;
       series = { state, coordinate: swept, at, rows, key: wanted, others: [] };
-      if (seen()[0] < at[0] || seen()[1] > at.at(-1)) showPlot({ seen: null });
+      if (seen()[0] < at[0] || seen()[1] > at.at(-1)) showPlot({ seen: null }, false);
       again.hidden = true;
       plot.node.classList.remove("stale");
       draw();
@@ -463,7 +463,7 @@ export function strip(store) {
     for (const [name, list] of [["of", quantity], ["along", what], ["and", map.select], ["values", scale]]) {
       if (![...list.options].some(({ value }) => value === wishes[name])) wishes[name] = usual[name];
     }
-    showPlot(wishes);
+    showPlot(wishes, false);
   }
   store.on("replot", replot);
   store.showPlot = showPlot;
