@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import yaml
 from scipy.optimize import linprog
 from tests.laws.test_balance_of_bodies import EARTH, MAKERS
 from tests.support.commands import answer, run
+from tests.support.printed import text_of
 
 import cartstiff as cs
 
@@ -219,9 +221,10 @@ def test_the_answer_says_how_many_times_the_load_is_held(tmp_path):
     from tests.laws.test_drive_forces import TWO
 
     (tmp_path / "two.urdf").write_text(TWO)
-    words = f"analyse {tmp_path}/two.urdf --frame tip --q 0.2,0.5 --stiffness 3000"
-    words += " --load 0,0,0,0,0,-80 --world --gravity 0,0,-9.81"
-    assert "Holds 0.278 times this load (by the equilibrium), until s is at its limit" in run(words)
+    asked = f" {tmp_path}/two.urdf --frame tip --q 0.2,0.5 --stiffness 3000"
+    asked += " --load 0,0,0,0,0,-80 --world --gravity 0,0,-9.81"
+    words, held = "analyse" + asked, "Holds 0.278 times this load (by the equilibrium), until s is"
+    assert held in run(words)
     assert "until the allowed displacement is reached" in run(words + " --allowed-displacement 1mm")
     said = {one["code"]: one["values"] for one in answer(words)["answer"]["statements"]}
     # Weight takes 12.38 N m of 30, the load 63.68 N m: by lever arms.
@@ -229,6 +232,61 @@ def test_the_answer_says_how_many_times_the_load_is_held(tmp_path):
     own = 2 * 9.81 * 0.25 * np.cos(0.2) + 1.2 * 9.81 * (0.5 * np.cos(0.2) + 0.2 * np.cos(0.7))
     assert said["capacity"]["linear"] == pytest.approx((30.0 - own) / (80.0 * x), rel=1e-9)
     assert said["greatest-payload"]["payload"] == pytest.approx((30.0 - own) / (9.81 * x), rel=1e-9)
+    # So does the answer at the rest under it, whose posture is another.
+    assert held in run("equilibrium" + asked)
+    rest = answer("equilibrium" + asked)["answer"]["statements"]
+    there = {one["code"]: one["values"] for one in rest}
+    assert there["capacity"]["factor"] == pytest.approx(said["capacity"]["factor"], rel=1e-3)
+    assert there["greatest-payload"]["payload"] == pytest.approx(
+        said["greatest-payload"]["payload"], rel=1e-9
+    )
+
+
+def times(state) -> float | None:
+    """How many times its load a rest says to be held."""
+    found = re.search(r"Holds (\S+) times", text_of(state))
+    return None if found is None else float(found[1])
+
+
+@pytest.mark.parametrize("kind", ["arm", "loop", "legs", "cables", "slack"])
+def test_a_rest_holds_as_many_times_its_load_as_growing_it_shows(kind, tmp_path):
+    checked = 0
+    for seed in range(16):
+        try:
+            result, limits = of_kind(kind, seed, tmp_path / str(seed))
+            acting = result.load.acting(result.wrench, result.pose)
+            state = cs.equilibrium(result.elastic_as_given, result.q, acting, limits=False)
+        except cs.CartstiffError:
+            continue
+        factor = times(state)
+        if not factor or "is lost" in text_of(state):
+            continue
+        assert is_held(result, 0.993 * factor, limits)
+        assert not is_held(result, 1.007 * factor, limits)
+        checked += 1
+        if checked == 3:
+            return
+    pytest.fail(f"only {checked} cases")
+
+
+def test_loads_at_several_places_of_a_rest_grow_together():
+    arm = cs.load("ur5").with_gravity()
+
+    def under(s: float, *more, **keys):
+        loads = (
+            cs.DeadForce([0, 0, -60.0 * s], [0, 0, 0.1]),
+            cs.DeadForce([20.0 * s, 0, -150.0 * s], [0.1, 0, 0], "forearm_link"),
+        )
+        return cs.equilibrium(arm, None, *loads, *more, **keys)
+
+    factor = times(under(1.0))
+    used = [under(x * factor).stiffness.forces[0].used for x in (0.995, 1.005)]
+    assert used[0] < 1.0 < used[1]
+    assert times(under(2.0)) == pytest.approx(0.5 * factor, rel=0.01)
+    # Nothing is said where the load alone does not decide.
+    assert times(cs.equilibrium(arm)) is None
+    assert times(under(1.0, held={"z": -0.001})) is None
+    assert times(cs.equilibrium(cs.load("five-bar"), wrench=[0, 0, 0, 0, 0, -100.0])) is None
 
 
 def test_a_picture_shows_the_corners_of_the_polytope_or_the_factors():

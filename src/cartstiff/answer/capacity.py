@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +27,7 @@ from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.mechanisms.limits import limits_of
+from cartstiff.core.mechanisms.limits import Limits, limits_of
 from cartstiff.core.potentials.loads import Scaled
 from cartstiff.core.results import LabelledResult
 from cartstiff.core.statics.continuation import CurvePoint, LoadPath, where_it_falls
@@ -44,6 +44,9 @@ from cartstiff.core.stiffness.forces import (
 )
 from cartstiff.core.stiffness.posture import PostureStiffness
 from cartstiff.core.stiffness.settled_links import settled
+
+if TYPE_CHECKING:
+    from cartstiff.core.statics.rest import Equilibrium
 
 Kind = Literal["force", "slack", "travel", "buckling", "displacement"]
 #: Multiple of the first estimate and of the load up to which a limit is looked for.
@@ -251,20 +254,141 @@ def capacity_at(
         raise InputError("no load is given", expected="a wrench other than zero")
     growing = _Growing(result, held, displacement)
     linear = min(growing.linear(), key=lambda one: one.factor, default=FirstLimit())
-    gravity, payload = result.elastic.gravity, None
-    if gravity is not None:
-        weight = result.pose[:3, :3].T @ gravity / result.units.newtons
-        payload = held.factor(np.append(np.zeros(3), weight))[0]
     found = None
     if tolerance < 1.0:
         found = growing.by_equilibrium(linear.factor, tolerance)
     own = result.elastic_as_given
-    return Capacity(own, linear, found, payload, held, result.pose)
+    return Capacity(own, linear, found, payload_at(result, held), held, result.pose)
+
+
+def payload_at(result: PostureStiffness, held: HeldForces) -> float | None:
+    """`Capacity.payload` at an analysed posture."""
+    gravity = result.elastic.gravity
+    if gravity is None:
+        return None
+    weight = result.pose[:3, :3].T @ gravity / result.units.newtons
+    return held.factor(np.append(np.zeros(3), weight))[0]
+
+
+def capacity_of_rest(
+    state: Equilibrium, tolerance: float = numerics.NEGLIGIBLE_DIFFERENCE
+) -> FirstLimit | None:
+    """How many times all loads of an equilibrium are held, put on together from the rest
+    before them.
+
+    None without loads or a limit of a drive's force; beside a prescribed displacement or
+    energies of another kind than loads; and where no stable rest before the load is found
+    that touches no limit, or no curve that leads on from it.
+    """
+    loads, elastic = state.loads, state.elastic
+    is_plain = state._system.held is None and all(load.is_external for load in loads)
+    before = state.before if loads and is_plain else None
+    if before is None or before.stable is False or before.reactions.limits:
+        return None
+    then, now = (
+        {
+            one.name: one.force
+            for one in forces_of(there._at_rest, there.posture, there.reactions.rigid)
+        }
+        for there in (state, before)
+    )
+    low, high = drive_limits(elastic, list(now))
+    if not np.isfinite([low, high]).any():
+        return None
+    # Where the forces between both states lead is a unit of the way.
+    x, rate = np.array([[now[name], then[name] - now[name]] for name in now]).T
+    unit, _ = _first(x, rate, low, high)
+    if not 0.0 < unit < np.inf:
+        unit = 1.0
+    room = _Room(before.posture, now, low, high, state._system.limits)
+    none = limits_of(elastic.mechanism, ignore=True)
+    try:
+        refuse_springs_far_apart(elastic)
+        path = LoadPath(elastic, before.q, loads, (), None, none, unit, 1.0, 1.0, False)
+        return room.first_on(path, tolerance)
+    except CartstiffError:
+        return None
 
 
 #: Share of a way to a limit that is left, its kind, and what is at it.
 _Margin = tuple[float, Kind, tuple[str, ...]]
 _NONE: _Margin = 1.0, "force", ()
+
+
+class _Room(NamedTuple):
+    """What limits a growing load, as seen from the posture before it.
+
+    Attributes
+    ----------
+    posture : MechanismPosture
+        Before the load.
+    now : mapping of str to float
+        Forces of the drives there.
+    low, high : ndarray (m,)
+        Their limits.
+    limits : Limits
+        Of joints and legs.
+    displacement : float or None
+        That is allowed.
+    """
+
+    posture: MechanismPosture
+    now: Mapping[str, float]
+    low: Array
+    high: Array
+    limits: Limits
+    displacement: float | None = None
+
+    def first_on(self, path: LoadPath, precision: float) -> FirstLimit:
+        """The first limit on a curve of equilibria, whose unit is an estimate of it."""
+
+        def least(state: CurvePoint) -> _Margin:
+            return min(self._margins(path, state), key=lambda one: one[0], default=_NONE)
+
+        most = _MOST * max(path.span, 1.0)
+        found = where_it_falls(path, lambda x: least(x)[0], most, precision)
+        if found is None:
+            return FirstLimit()
+        state, is_held = found
+        lost: _Margin = 0.0, "buckling", ()
+        _, kind, names = least(state) if is_held else lost
+        return FirstLimit(float(state.factor), kind, names)
+
+    def _margins(self, path: LoadPath, state: CurvePoint) -> Iterator[_Margin]:
+        """Shares of the way to each limit that are left at an equilibrium."""
+        point = state.point
+        yield from self._of_forces(path, state)
+        yield from self._of_travel(point.posture)
+        if self.displacement is not None:
+            before = path.origin.point.posture.pose
+            moved = displacement_between(before, point.posture.pose)[3:]
+            far = float(np.linalg.norm(moved)) / self.displacement
+            yield 1.0 - far, "displacement", ()
+
+    def _of_forces(self, path: LoadPath, state: CurvePoint) -> Iterator[_Margin]:
+        """Margins of the drives' forces, and of the cables' tensions."""
+        posture = state.point.posture
+        loads = [Scaled(load, state.factor) for load in path.loads]
+        elastic = System(path.system.elastic, loads).at_rest(state.point)
+        rigid = rigid_torques(elastic, posture, state.balance.multipliers)
+        forces = {one.name: one.force for one in forces_of(elastic, posture, rigid)}
+        for name, low, high in zip(self.now, self.low, self.high, strict=True):
+            used = float(used_shares(forces[name], low, high))
+            if used == used:
+                yield 1.0 - used, "force", (name,)
+            if low == 0.0 and self.now[name] > 0.0:
+                yield forces[name] / self.now[name], "slack", (name,)
+
+    def _of_travel(self, there: MechanismPosture) -> Iterator[_Margin]:
+        """Margins of joints and legs, as shares of those without a load."""
+        limits = self.limits
+        if not len(limits):
+            return
+        x, now = (limits.values(p.q, p.pose) for p in (self.posture, there))
+        for i, name in enumerate(limits.names):
+            for end in (limits.lower[i], limits.upper[i]):
+                if np.isfinite(end) and end != x[i]:
+                    yield float((end - now[i]) / (end - x[i])), "travel", (name,)
 
 
 class _Growing:
@@ -273,7 +397,7 @@ class _Growing:
     def __init__(
         self, result: PostureStiffness, held: HeldForces, displacement: float | None
     ) -> None:
-        self.result, self.held, self.displacement = result, held, displacement
+        self.result, self.held = result, held
         self.asked, self.posture = result.elastic_as_given, result.posture
         self.W, self.straight = np.asarray(result.wrench), result.posture
         if virtual := sorted(self.asked.mechanism.virtual):
@@ -285,13 +409,14 @@ class _Growing:
             if result.load.kind != "follower":
                 turned = self.posture.pose[:3, :3].T @ result.pose[:3, :3]
                 self.W = np.ravel(self.W.reshape(2, 3) @ turned.T)
-        self.limits = limits_of(self.asked.mechanism, contacts=True)
         at = self.asked, self.posture, np.zeros(6)
         self.unloaded = analyse_at(*at, result.load)
-        #: Forces of the drives, which are the first of `HeldForces.names`.
-        self.now = {one.name: one.force for one in self.unloaded.forces}
-        self.names = [name for name in held.names if name in self.now]
-        self.low, self.high = drive_limits(self.asked, self.names)
+        # The drives are the first of `HeldForces.names`.
+        each = {one.name: one.force for one in self.unloaded.forces}
+        now = {name: each[name] for name in held.names if name in each}
+        low, high = drive_limits(self.asked, list(now))
+        limits = limits_of(self.asked.mechanism, contacts=True)
+        self.room = _Room(self.posture, now, low, high, limits, displacement)
 
     def linear(self) -> Iterator[FirstLimit]:
         """The first limit of each kind, to first order."""
@@ -308,13 +433,14 @@ class _Growing:
             return
         yield from self._travel(motion)
         far = np.linalg.norm((self.posture.motion.jacobian @ motion)[3:])
-        if self.displacement is not None and far > 0.0:
-            yield FirstLimit(float(self.displacement / far), "displacement")
+        allowed = self.room.displacement
+        if allowed is not None and far > 0.0:
+            yield FirstLimit(float(allowed / far), "displacement")
         yield from self._buckling()
 
     def _is_slack(self, i: int) -> bool:
         """Whether the least force of a drive is that of a cable without tension."""
-        return i < len(self.low) and bool(self.low[i] == 0.0)
+        return i < len(self.room.low) and bool(self.room.low[i] == 0.0)
 
     def _of_drives(self, motion: Array | None) -> tuple[float, list[int]]:
         """Multiple at which drives are at a limit, and these.
@@ -331,13 +457,13 @@ class _Growing:
         stiffness = springs.tangent(self.posture)[~springs.is_passive]
         if len(stiffness) != len(names):
             return held.factor(held.wrench)
-        forces = np.array([self.now[name] for name in names])
-        s, i = _first(forces, stiffness * (rows @ motion), self.low, self.high)
+        forces = np.array([self.room.now[name] for name in names])
+        s, i = _first(forces, stiffness * (rows @ motion), self.room.low, self.room.high)
         return s, [i] * (s < np.inf)
 
     def _travel(self, motion: Array) -> Iterator[FirstLimit]:
         """The first end that a joint or leg reaches."""
-        limits = self.limits
+        limits = self.room.limits
         if not len(limits):
             return
         x = limits.values(self.posture.q, self.posture.pose)
@@ -373,18 +499,7 @@ class _Growing:
             path = self._path(unit)
         except CartstiffError:
             return FirstLimit(0.0, "buckling")
-
-        def least(state: CurvePoint) -> _Margin:
-            return min(self._margins(path, state), key=lambda one: one[0], default=_NONE)
-
-        most = _MOST * max(unit, 1.0)
-        found = where_it_falls(path, lambda x: least(x)[0], most, precision)
-        if found is None:
-            return FirstLimit()
-        state, is_held = found
-        lost: _Margin = 0.0, "buckling", ()
-        _, kind, names = least(state) if is_held else lost
-        return FirstLimit(float(state.factor), kind, names)
+        return self.room.first_on(path, precision)
 
     def _path(self, unit: float) -> LoadPath:
         """The curve of equilibria under multiples of the load, whose scale is a unit."""
@@ -396,42 +511,6 @@ class _Growing:
         elastic, q = with_rest_balancing(self.asked, self.straight), self.straight.q
         none = limits_of(elastic.mechanism, ignore=True)
         return LoadPath(elastic, q, (load,), (), None, none, unit, 1.0, 1.0, False)
-
-    def _margins(self, path: LoadPath, state: CurvePoint) -> Iterator[_Margin]:
-        """Shares of the way to each limit that are left at an equilibrium."""
-        point = state.point
-        yield from self._of_forces(path, state)
-        yield from self._of_travel(point.posture)
-        if self.displacement is not None:
-            before = path.origin.point.posture.pose
-            moved = displacement_between(before, point.posture.pose)[3:]
-            far = float(np.linalg.norm(moved)) / self.displacement
-            yield 1.0 - far, "displacement", ()
-
-    def _of_forces(self, path: LoadPath, state: CurvePoint) -> Iterator[_Margin]:
-        """Margins of the drives' forces, and of the cables' tensions."""
-        posture = state.point.posture
-        loads = [Scaled(load, state.factor) for load in path.loads]
-        elastic = System(path.system.elastic, loads).at_rest(state.point)
-        rigid = rigid_torques(elastic, posture, state.balance.multipliers)
-        forces = {one.name: one.force for one in forces_of(elastic, posture, rigid)}
-        for name, low, high in zip(self.names, self.low, self.high, strict=True):
-            used = float(used_shares(forces[name], low, high))
-            if used == used:
-                yield 1.0 - used, "force", (name,)
-            if low == 0.0 and self.now[name] > 0.0:
-                yield forces[name] / self.now[name], "slack", (name,)
-
-    def _of_travel(self, there: MechanismPosture) -> Iterator[_Margin]:
-        """Margins of joints and legs, as shares of those without a load."""
-        limits = self.limits
-        if not len(limits):
-            return
-        x, now = (limits.values(p.q, p.pose) for p in (self.posture, there))
-        for i, name in enumerate(limits.names):
-            for end in (limits.lower[i], limits.upper[i]):
-                if np.isfinite(end) and end != x[i]:
-                    yield float((end - now[i]) / (end - x[i])), "travel", (name,)
 
 
 def _first(x: Array, rate: Array, low: Array, high: Array) -> tuple[float, int]:

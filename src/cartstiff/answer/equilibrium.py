@@ -26,7 +26,7 @@ from cartstiff.answer.posture import (
     tables_of,
     vector,
 )
-from cartstiff.answer.strength import force_statements
+from cartstiff.answer.strength import strength_at_rest
 from cartstiff.answer.verdict import Level, Verdict
 from cartstiff.core.geometry.se3 import Array
 
@@ -55,7 +55,7 @@ def answer_of_equilibrium(state: Equilibrium) -> Answer:
         [*state.notes, *there.notes],
         said("rest", steps=state.iterations, residual=float(state.residual)),
         _criterion(state),
-        *force_statements(there.forces, there.units),
+        *strength_at_rest(state),
         verdict=Verdict(level, code),
         about=[said("mechanism"), *circumstances(there, at_rest=True)],
         weight=there.weighed,

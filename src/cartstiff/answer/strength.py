@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,10 @@ from cartstiff.core.errors import CartstiffError
 from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.core.stiffness.forces import DriveForce
 from cartstiff.core.units import Units
+
+if TYPE_CHECKING:
+    from cartstiff.answer.capacity import FirstLimit
+    from cartstiff.core.statics.rest import Equilibrium
 
 #: Accuracy of the load by the equilibrium, and difference to the first order from which
 #: both are said.
@@ -43,12 +48,39 @@ def strength_statements(
         if there is not None:
             ratio = linear.factor / max(there.factor, numerics.TINY)
             code = "capacity" if abs(ratio - 1.0) <= _UNSAID else "capacity-differs"
-        limit = said(f"limit-{first.kind}", names=list(first.names))
-        values = {"factor": first.factor, "linear": linear.factor, "limit": limit}
-        found.append(said(code, **values))
-    if own.payload is not None and np.isfinite(own.payload):
-        found.append(said("greatest-payload", payload=max(own.payload, 0.0)))
-    return found
+        found.append(_held(code, first, linear=linear.factor))
+    return [*found, *_greatest(own.payload)]
+
+
+def strength_at_rest(state: Equilibrium) -> list[Statement]:
+    """Which drive is loaded most at rest, and how many times all loads are held."""
+    there = state.stiffness
+    found = force_statements(there.forces, there.units)
+    if not state.loads:
+        return found
+    from cartstiff.answer.capacity import capacity_of_rest, payload_at
+
+    first, before = capacity_of_rest(state, _ACCURACY), state.before
+    if first is None or before is None:
+        return found
+    if first.kind is not None:
+        found.append(_held("capacity", first))
+    held = held_forces(before.stiffness)
+    payload = None if held is None else payload_at(before.stiffness, held)
+    return [*found, *_greatest(payload)]
+
+
+def _held(code: str, first: FirstLimit, **more: float) -> Statement:
+    """How many times a load is held, until which limit."""
+    limit = said(f"limit-{first.kind}", names=list(first.names))
+    return said(code, factor=first.factor, **more, limit=limit)
+
+
+def _greatest(payload: float | None) -> list[Statement]:
+    """The mass that is held in place of a load, where drives limit one."""
+    if payload is None or not np.isfinite(payload):
+        return []
+    return [said("greatest-payload", payload=max(payload, 0.0))]
 
 
 def force_statements(forces: Sequence[DriveForce], units: Units) -> list[Statement]:
