@@ -9,8 +9,9 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
+from cartstiff.extend import in_units
 from tests.support.pages import served, source_of
-from tests.support.read_units import si
+from tests.support.read_units import read, si
 
 LOAD = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
 
@@ -123,3 +124,42 @@ def test_rows_are_states_and_mechanisms_with_their_ratios(two, pages):
     page.click("[aria-label='Forget state 1']")
     settled(page)
     assert "1" not in rows(page)
+
+
+#: What stands at the arrow of the way of each picture, and below it, but for the picture in hand.
+WAYS = """() => [window.cartstiff, ...window.cartstiff.rows].map(({ store, pane, caption }) => [
+    pane.part("meshcat", "cartstiff", "callout").children[0].userData.label.text,
+    caption?.firstChild.textContent ?? null])"""
+
+
+def test_each_mechanism_opens_at_its_own_posture_and_then_follows_the_hand(pages):
+    arm, other = cartstiff.load("ur5"), cartstiff.load("ur10")
+    in_mm = replace(in_units(other, "mm"), name="ur10-in-mm")
+    assert np.abs(arm.q - other.q).max() > 0.1  # or nothing is asked
+    server = served(source_of(arm), beside=[source_of(other), source_of(in_mm)])
+    try:
+        page = pages.open(f"{server.url}#load=0,0,0,0,0,-100&load_axes=world")
+        moved = [arm.q[0], arm.q[1] - 0.2, *arm.q[2:]]
+        for there, here, act in (
+            (other.q, arm.q, ""),
+            (moved, moved, "(q) => window.cartstiff.goTo(q)"),
+            (other.q, arm.q, "(q) => window.cartstiff.goTo(q)"),
+        ):
+            if act:
+                page.evaluate(act, np.array(here).tolist())
+            settled(page)
+            page.wait_for_function(
+                "() => window.cartstiff.rows.every((row) => row.numbers && !row.late)"
+            )
+            settled(page)
+            rows = page.locator(".compared tbody tr").all()
+            assert ("its own posture" in rows[1].inner_text()) == (here is arm.q)
+            assert "other units" in rows[2].inner_text()
+            found = [expected(each, q)[0] / 1e3 for each, q in ((arm, here), (other, there))]
+            ways = page.evaluate(WAYS)
+            for (arrow, caption), way in zip(ways, [*found, found[1]], strict=True):
+                assert read(arrow) == pytest.approx(way, rel=6e-4)
+                assert caption is None or caption.endswith(f", {arrow}")
+    finally:
+        page.goto("about:blank")
+        server.close()

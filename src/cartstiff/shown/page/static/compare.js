@@ -4,8 +4,10 @@
 import { displacementWords } from "./deflection.js";
 import { button, byId, el, heading, inSize, short } from "./dom.js";
 import { actsAt } from "./formulas.js";
+import { callOut } from "./give.js";
 import { symbol } from "./matrix.js";
 import { freeness } from "./numbers.js";
+import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { Pane } from "./pane.js";
 import { givenLoad, partOf, Store, LOOKS, METRES } from "./store.js";
 
@@ -31,12 +33,8 @@ class Row {
     this.caption = this.bar = null;
     this.pending = false;
     this.own = kept !== null;
-    this.name = main.hello.mechanisms?.[number] ?? main.hello.mechanism.name;
+    this.title = kept ? String(kept.number) : main.hello.mechanisms[number];
     this.onchange = () => {};
-  }
-
-  get title() {
-    return this.own ? String(this.kept.number) : this.name;
   }
 
   /** Whether its numbers can be set beside those that are shown. */
@@ -45,10 +43,18 @@ class Row {
       JSON.stringify(this.shown[key]) === JSON.stringify(this.main.shown[key])));
   }
 
-  /** Whether its coordinates are those of the mechanism in hand. */
-  get alike() {
-    const names = ({ hello }) => hello.mechanism.coordinates.map(({ name }) => name).join();
-    return this.own || Boolean(this.store?.hello && names(this.store) === names(this.main));
+  /** Whether it follows the hand, which moves coordinates of the same names: until then each is at its own posture. */
+  get follows() {
+    const { state, hello } = this.main;
+    const names = (of) => of?.mechanism.coordinates.map(({ name }) => name).join();
+    return names(this.store?.hello) === names(hello)
+      && (String(state.command) !== String(hello.state.command)
+        || state.q.some((x, i) => Math.abs(x - hello.state.q[i]) > NEGLIGIBLE_DIFFERENCE));
+  }
+
+  /** How far its load moves the point, in the unit of the mechanism in hand if it can be. */
+  way(store = this.store) {
+    return displacementWords(this.sameUnits ? this.main : store, store.numbers);
   }
 
   /** Whether its numbers belong to what was wished before. */
@@ -74,8 +80,8 @@ class Row {
       measures: this.sameUnits ? legend?.measures ?? null : null };
     if (this.own) return { ...structuredClone(this.kept.state), ...looks, load_at: actsAt(this.kept.state),
       point: state.point, axes: state.axes, moved: null };
-    return { ...this.store.state, ...looks, ...partOf(state, SHARED),
-      ...(this.alike ? { q: state.q, command: state.command } : {}), moved: null };
+    const { q, command } = this.follows ? state : this.store.hello.state;
+    return { ...this.store.state, ...looks, ...partOf(state, SHARED), q, command, moved: null };
   }
 
   /** With a picture in a node, or without one. */
@@ -83,7 +89,8 @@ class Row {
     this.close();
     if (!node && this.own) return this.refresh();
     this.pane = node ? new Pane(node, []) : NONE;
-    this.store = new Store(this.main.source.beside(this.number), this.pane, true);
+    const store = this.store = new Store(this.main.source.beside(this.number), this.pane, true);
+    if (node) callOut(store, () => this.way(store));
     this.store.on("hello", () => Object.assign(this.store.state, this.wished()));
     this.store.on("numbers", () => this.accept(this.store.numbers, this.store.shown));
     this.store.on("error", (text) => this.accept(null, null, text));
@@ -143,7 +150,7 @@ function values(numbers, { quantity }) {
 
 /** In words, how a kept state differs from the one in hand. */
 function difference(store, row) {
-  if (!row.own) return row.alike ? "" : "its own posture";
+  if (!row.own) return row.follows ? "" : "its own posture";
   const here = { ...store.state, load_at: actsAt(store.state) };
   const there = { ...row.kept.state, load_at: actsAt(row.kept.state) };
   /** @type {[string[], string][]} */
@@ -193,8 +200,7 @@ export function compareCard(store) {
     for (const row of store.rows) {
       if (seen === Boolean(row.figure?.isConnected) && (row.store || !seen && row.own)) continue;
       row.figure?.remove();
-      row.figure = null;
-      row.asked = null;
+      Object.assign(row, { figure: null, asked: null });
       if (seen) {
         const node = el("div", { class: "pane" });
         row.bar = el("i", { class: "scale" });
@@ -223,7 +229,7 @@ export function compareCard(store) {
   /** Under the picture of a row: what it is, how far the load moves it, and its scale. */
   function caption(row) {
     const { numbers } = row;
-    const way = numbers?.moved?.resisted ? `, ${displacementWords(store, numbers)}` : "";
+    const way = numbers?.moved?.resisted ? `, ${row.way()}` : "";
     row.caption?.replaceChildren(row.own ? `State ${row.title}${way}` : `${row.title}${way}`, el("br"), row.bar,
       ` ${row.store?.legend?.bar.text ?? ""}`);
   }

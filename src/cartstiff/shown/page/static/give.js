@@ -19,10 +19,29 @@ const MOST = 10;
 // Thickness of the arrow, and length of its head, over the mechanism's size.
 const [SHAFT, HEAD] = [0.006, 0.045];
 
-/** The arrow with its label; returns what puts it between two points, which are null for none. */
-function callout(store) {
+const tree = ({ pane }) => pane.viewer.scene_tree.children.meshcat?.children.cartstiff?.children ?? {};
+
+/** Places of M without the load and under it; null where nothing is drawn of it. */
+function ends(store) {
+  const { M, rest } = tree(store);
+  const there = rest?.children.M?.object;
+  return store.legend?.rest && M && rest.object.visible && there ? [there, M.object] : null;
+}
+
+const matrix = (object) => new MeshCat.THREE.Matrix4().compose(object.position, object.quaternion, object.scale);
+
+/** The same of the point, where a load moves it. */
+function points(store) {
+  if (!store.numbers?.moved || store.legend.rest?.mode !== null) return null;
+  const found = ends(store)?.map((object) =>
+    new MeshCat.THREE.Vector3(...store.shown.point).applyMatrix4(matrix(object)));
+  return found && found[0].distanceTo(found[1]) >= NEGLIGIBLE_DIFFERENCE ? found : null;
+}
+
+/** In a store's picture an arrow along the way on which the load moves the point, with the answer at it. */
+export function callOut(store, answer) {
   const { THREE } = MeshCat;
-  const vector = (...xyz) => new THREE.Vector3(...xyz);
+  const { pane } = store;
   const paint = (opacity, depthTest) =>
     new THREE.MeshBasicMaterial({ color: hues("deflection")[0], transparent: true, opacity, depthTest });
   const arrow = new THREE.Group();
@@ -37,14 +56,15 @@ function callout(store) {
     arrow.add(part);
     return part;
   });
-  return (from, to, text) => {
-    const { pane } = store;
+  pane.before.push(() => {
+    const found = points(store);
     const place = pane.at();
     if (arrow.parent !== place) place.add(arrow);
     const label = pane.part(...CALLOUT);
-    arrow.visible = from !== null;
-    if (label) label.visible = from !== null;
-    if (from === null) return;
+    for (const one of [arrow, label]) if (one) one.visible = Boolean(found);
+    if (!found) return;
+    const [from, to] = found;
+    const text = answer();
     const { size, per_length: per } = store.legend;
     const way = to.clone().sub(from);
     const length = way.length();
@@ -53,19 +73,19 @@ function callout(store) {
     parts[1].scale.set(SHAFT * size, heads, SHAFT * size);
     parts[1].position.set(0, length - heads, 0);
     arrow.position.copy(from);
-    arrow.quaternion.setFromUnitVectors(vector(0, 1, 0), way.normalize());
+    arrow.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), way.normalize());
     const said = { path: `/${CALLOUT.join("/")}`, text, letters: hues("deflection-letters").map(numberOf),
       paper: hues("label-paper").map(numberOf), height: LETTERS / per };
     if (text !== label?.children[0]?.userData.label?.text || !label.children.length) pane.write(said);
     pane.part(...CALLOUT).position.copy(from.clone().lerp(to, 0.5));
-  };
+  });
 }
 
 export const numberOf = (colour) => Number(`0x${colour.slice(1)}`);
 
 /** A button that plays it, and the line with the factor. */
 export function give(store, answer) {
-  const { THREE } = MeshCat;
+  callOut(store, answer);
   const still = matchMedia("(prefers-reduced-motion: reduce)");
   const node = button("▶ Show it move", () => toggle(), { class: "quiet", hidden: true, "aria-pressed": "false",
     title: "From where it rests without the load to where it is under it, and back; or the swing of a mode (v)" });
@@ -76,34 +96,14 @@ export function give(store, answer) {
     title: "Drawn as about a tenth of the mechanism's size" });
   const words = el("span", { class: "num" });
   const line = el("div", { class: "row enlarged", hidden: true }, words, slider, auto);
-  const draw = callout(store);
   /** @type {any} */
   let playing = null;
   let usual = 1; // the factor that is taken by default
 
   const most = () => Math.max(MOST * usual, MOST);
-  const tree = () => store.pane.viewer.scene_tree.children.meshcat?.children.cartstiff?.children ?? {};
-
-  /** Places of M without the load and under it; null where nothing is drawn of it. */
-  function ends() {
-    const { M, rest } = tree();
-    const there = rest?.children.M?.object;
-    return store.legend?.rest && M && rest.object.visible && there ? [there, M.object] : null;
-  }
-
-  const matrix = (object) => new THREE.Matrix4().compose(object.position, object.quaternion, object.scale);
-
-  function update() {
-    const found = ends();
-    if (!found || !store.numbers?.moved || store.legend.rest.mode !== null) return draw(null);
-    const [from, to] = found.map((object) => new THREE.Vector3(...store.shown.point).applyMatrix4(matrix(object)));
-    if (from.distanceTo(to) < NEGLIGIBLE_DIFFERENCE) return draw(null);
-    draw(from, to, answer());
-  }
-  store.pane.before.push(update);
 
   function start() {
-    const found = ends();
+    const found = ends(store);
     if (!found) return;
     const [from, to] = found;
     const parts = [...pairsOf(store.pane, "rest"), [from, to]].map(([rest, object]) => ({ rest, object,
@@ -122,7 +122,7 @@ export function give(store, answer) {
       }
       const carried = matrix(to).multiply(back);
       for (const name of HANGING) {
-        const object = tree()[name]?.object;
+        const object = tree(store)[name]?.object;
         if (object) carried.decompose(object.position, object.quaternion, object.scale);
       }
       store.pane.viewer.set_dirty();

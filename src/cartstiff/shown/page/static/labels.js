@@ -2,7 +2,6 @@
 // covering another; of an ellipsoid's values the softest, until it is pointed at; ellipsoids and
 // arrows shine through the links.
 
-
 // Parts that are seen through others, by the share of their opacity.
 const SHINING = /^(translation ellipsoid|rotation ellipsoid|deflection)$/;
 const SHINE = 0.45;
