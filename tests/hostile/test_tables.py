@@ -114,7 +114,7 @@ def test_the_page_writes_the_same():
     node = shutil.which("node")
     if node is None:
         pytest.skip("needs node")
-    source = (Path(cartstiff.__file__).parent / "page/static/plotfiles.js").read_text()
+    source = (Path(cartstiff.__file__).parent / "shown/page/static/plotfiles.js").read_text()
     (made,) = re.findall(r"^export (const safeCell = .*?;)$", source, re.MULTILINE | re.DOTALL)
     words = [name for name in FORMULAS if not set(name) & set("\t\r\n")]
     words += ["-1.5", "(0, -0.1, 2)", "-"]

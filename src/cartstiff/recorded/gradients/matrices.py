@@ -125,7 +125,7 @@ def accuracy(
     Examples
     --------
     >>> import cartstiff
-    >>> from cartstiff.answer.analysis import Tolerances
+    >>> from cartstiff.analysis import Tolerances
     >>> state = cartstiff.equilibrium(cartstiff.load("stewart-gough"), wrench=[0, 0, 0, 0, 0, -50])
     >>> spread = cartstiff.accuracy(state, Tolerances(length=0.01))
     >>> spread.deviations["pose"][3:].round(3).tolist()

@@ -476,7 +476,8 @@ export function strip(store) {
   store.on("refused", () => plot.node.classList.toggle("stale", series !== null && series.key !== key()));
   /** Once a load acts, the question is how far it moves the point, unless something else was chosen. */
   function question() {
-    const of = store.numbers.moved?.displacement.some((x) => x) ? "deflection" : "translation";
+    const { moved } = store.numbers;
+    const of = moved?.resisted && moved.displacement.some((x) => x) ? "deflection" : "translation";
     if (of === usual.of) return;
     if (store.plot.of === usual.of) quantity.value = store.plot.of = of;
     usual.of = of;
