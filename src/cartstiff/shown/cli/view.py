@@ -32,8 +32,9 @@ class Shown:
         Also draw a stiffness map: its points, or those of the table that `cartstiff
         workspace -o` writes, coloured by a quantity or by the limit that cuts.
     workspace
-        Also draw the workspace's boundary, around the posture, coloured by the limit that
-        cuts, and the singular surface, as `cartstiff workspace` finds them.
+        Also draw the workspace's boundary, around the posture, coloured by its softest
+        stiffness or the limit that cuts, and the singular surface, as `cartstiff
+        workspace` finds them.
     trajectory : FILE.csv
         Postures for a time slider: one a line, in joint order or under a line of names; a
         column `time` in seconds may come first.

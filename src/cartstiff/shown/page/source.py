@@ -28,6 +28,7 @@ from cartstiff.core.units import LENGTHS, SI, Units
 from cartstiff.files.identity import fingerprint
 from cartstiff.files.parsing import parse_numbers
 from cartstiff.files.tables import named_unit, read_cells, read_rows
+from cartstiff.kinematics.at_pose import at_poses
 from cartstiff.recorded.recording import analyse_many
 
 if TYPE_CHECKING:
@@ -418,9 +419,9 @@ def _cut(
     better = dict[str, str]()
     if elastic is not None and pose is not None:
         q = _coordinates_at(elastic, pose, positions)
-    if elastic is not None and q is not None:
         # The first quantity is the one that is shown.
-        softest = softest_stiffness(elastic, q)
+        softest, reached = np.full(len(q), np.nan), np.isfinite(q).all(axis=1)
+        softest[reached] = softest_stiffness(elastic, q[reached])
         softest[[name == _SINGULAR for name in names]] = np.nan
         values = {_SOFTEST: softest, **values}
         units = {_SOFTEST: elastic.units.stiffness["translation"], **units}
@@ -429,17 +430,14 @@ def _cut(
     return _thinned(Cloud(positions, values, units, q=q, better=better), coordinates)
 
 
-def _coordinates_at(elastic: ElasticMechanism, pose: Array, positions: Array) -> Any:
-    """Coordinates (N, 6) of a platform with M at positions, turned as in `pose`; None of
-    another mechanism.
+def _coordinates_at(elastic: ElasticMechanism, pose: Array, positions: Array) -> Array:
+    """Coordinates (N, n) of a body on legs with M at positions, turned as in `pose`; NaN
+    where legs do not reach.
     """
-    if not elastic.mechanism.coordinates_are_pose:
-        return None
     body = pose @ se3.inverse(elastic.mechanism.frame_offset)
-    angles = se3.roll_pitch_yaw(body)
-    return np.hstack(
-        [positions - pose[:3, 3] + body[:3, 3], np.tile(angles, (len(positions), 1))]
-    )
+    angles = np.tile(se3.roll_pitch_yaw(body), (len(positions), 1))
+    places = positions - pose[:3, 3] + body[:3, 3]
+    return at_poses(elastic, np.hstack([places, angles]))[0]
 
 
 def softest_stiffness(elastic: ElasticMechanism, q: Array) -> Array:

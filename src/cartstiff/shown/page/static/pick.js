@@ -84,7 +84,7 @@ function carried({ node, index }, name) {
 /** A point of the map becomes the posture. */
 function standAt(store, what) {
   const q = carried(what, "q");
-  if (!q) toast("The map holds no postures of this mechanism: its points cannot be taken");
+  if (!q?.every(Number.isFinite)) toast("The map holds no postures of this mechanism here");
   else if (!store.source.moves) toast("This file shows one posture: `cartstiff view` goes to where a point of the map "
     + "is");
   else store.goTo(q);
