@@ -215,6 +215,7 @@ def test_a_workspace_is_coloured_by_stiffness_first(name):
     assert cloud.better == {"softest stiffness": "larger"}
     assert np.isnan(cloud.values["softest stiffness"][len(reached.boundary) :]).all()
     known = cloud.values["softest stiffness"]
+    assert np.isnan(known[cloud.values["limit that cuts"] == "singularity"]).all()
     assert np.nanmin(known) > 1e-6 * np.nanmax(known)
     known_at = np.flatnonzero(np.isfinite(known))
     assert len(known_at) > 0.7 * len(reached.boundary)

@@ -422,7 +422,7 @@ def _cut(
         # The first quantity is the one that is shown.
         softest, reached = np.full(len(q), np.nan), np.isfinite(q).all(axis=1)
         softest[reached] = softest_stiffness(elastic, q[reached])
-        softest[[name == _SINGULAR for name in names]] = np.nan
+        softest[[name in (_SINGULAR, "singularity") for name in names]] = np.nan
         values = {_SOFTEST: softest, **values}
         units = {_SOFTEST: elastic.units.stiffness["translation"], **units}
         better[_SOFTEST] = "larger"
