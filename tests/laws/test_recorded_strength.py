@@ -51,6 +51,19 @@ def test_derivatives_are_those_of_differences(of):
     assert exact == pytest.approx(found, abs=1e-5 * np.abs(exact).max())
 
 
+@pytest.mark.parametrize("of", OUTPUTS)
+@pytest.mark.parametrize("made", [arm, platform])
+def test_gradients_of_one_posture_are_those_of_the_program(made, of):
+    elastic, q, _ = made()
+    found = cs.gradient(elastic, q, of=of, by="q", wrench=W)
+    program = cs.record(elastic, OUTPUTS, loaded=True)
+    assert found.value == pytest.approx(float(program(q, wrench=W)[of]), rel=1e-9)
+    slopes = approx_fprime(q, lambda x: float(program(x, wrench=W)[of]), 1e-7)
+    size = np.abs(slopes).max()
+    exact = np.array([found[f"q.{name}"] for name in elastic.names])
+    assert exact == pytest.approx(slopes, abs=1e-5 * size)
+
+
 @pytest.mark.parametrize(("made", "legs"), [(arm, False), (platform, True)])
 def test_a_single_force_has_its_derivatives_too(made, legs):
     """By coordinates and by the load, beside differences of one posture."""
@@ -72,6 +85,39 @@ def test_a_single_force_has_its_derivatives_too(made, legs):
     for part in (slice(0, 6), slice(6, 12)):
         size = np.abs(exact[part]).max()
         assert exact[part] == pytest.approx(slopes[part], abs=1e-4 * size)
+
+
+@pytest.mark.parametrize("name", ["five-bar", "6-pus", "3-prs", "tricept"])
+def test_loops_hold_the_load_at_which_a_drive_is_at_its_limit(name):
+    """By the forces under the load that is found, and by the capacity of one posture."""
+    elastic = cs.load(name)
+    elastic = replace(elastic, efforts=dict.fromkeys(elastic.spring_names, (-40.0, 50.0)))
+    rng, load = np.random.default_rng(3), [0.3, -0.2, 0.4, 10.0, 20.0, -30.0]
+    size = elastic.mechanism.at(elastic.q).coordinate_lengths
+    q = elastic.q + 0.05 * size * rng.uniform(-1.0, 1.0, (4, len(elastic.q)))
+    program = cs.record(elastic, OUTPUTS, loaded=True)
+    found = program.many(q, wrench=load)
+    assert np.isfinite(found["largest_load"]).all()
+    for there, factor in zip(found.q, found["largest_load"], strict=True):
+        one = program(there, wrench=load)["largest_load"]
+        assert float(one) == pytest.approx(factor, rel=1e-9)
+        held = cs.capacity(elastic, there, wrench=load).linear
+        assert held.kind == "force"
+        assert factor == pytest.approx(held.factor, rel=1e-8)
+        result = cs.analyse(elastic, there, wrench=factor * np.array(load))
+        assert result.forces[0].used == pytest.approx(1.0, rel=1e-8)
+        assert result.forces[0].name in held.names
+
+
+def test_loops_without_one_answer_are_refused():
+    elastic = cs.load("delta")  # whose links give
+    elastic = replace(elastic, efforts=dict.fromkeys(elastic.spring_names, (-40.0, 50.0)))
+    with pytest.raises(cs.InputError, match="as many drives as motions"):
+        cs.record(elastic, ["largest_load"], loaded=True)
+    loop = cs.load("five-bar")
+    loop = replace(loop, efforts=dict.fromkeys(loop.spring_names, (-40.0, 50.0)))
+    with pytest.raises(cs.InputError, match="has no derivatives"):
+        cs.gradient(loop, of="largest_load", wrench=[0, 0, 0, 10.0, 20.0, 0])
 
 
 def test_quantities_need_a_limit_and_a_load():

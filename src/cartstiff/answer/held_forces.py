@@ -171,15 +171,7 @@ def held_forces(result: PostureStiffness) -> HeldForces | None:
     elastic, posture = result.elastic, result.posture
     if result.wrench is None:
         return None
-    # Motions that keep the loops; rigid joints are drives here, and move.
-    sizes, closure = posture.coordinate_lengths, posture.closure
-    N = np.eye(len(sizes))
-    loops = 0 if closure is None else len(closure.jacobian) - len(elastic.mechanism.rigid)
-    if closure is not None and loops:
-        rows = closure.jacobian[:loops] * sizes
-        units = np.ones(loops) if closure.sizes is None else closure.sizes[:loops]
-        N = decompose(rows / units[:, None]).N
-    N = sizes[:, None] * N
+    N = motions_of_loops(elastic, posture)
     # The drives with their limits, then the deflections of links without any.
     names, rows = drive_rows(elastic, posture)
     low, high = drive_limits(elastic, names)
@@ -187,7 +179,7 @@ def held_forces(result: PostureStiffness) -> HeldForces | None:
     t = np.array([now[name] for name in names])
     links = sorted(elastic.mechanism.virtual)
     if links:
-        rows = np.vstack([rows, np.eye(len(sizes))[links]])
+        rows = np.vstack([rows, np.eye(len(N))[links]])
         names = (*names, *(elastic.names[j] for j in links))
         low, high, t = (
             np.append(x, np.full(len(links), fill))
@@ -197,6 +189,17 @@ def held_forces(result: PostureStiffness) -> HeldForces | None:
     return HeldForces(
         names, (rows @ N).T, (J @ N).T, low - t, high - t, np.asarray(result.wrench)
     )
+
+
+def motions_of_loops(elastic: ElasticMechanism, posture: MechanismPosture) -> Array:
+    """Motions N (n, r) that keep the loops; rigid joints are drives here, and move."""
+    sizes, closure = posture.coordinate_lengths, posture.closure
+    loops = 0 if closure is None else len(closure.jacobian) - len(elastic.mechanism.rigid)
+    if closure is None or not loops:
+        return np.diag(sizes)
+    rows = closure.jacobian[:loops] * sizes
+    units = np.ones(loops) if closure.sizes is None else closure.sizes[:loops]
+    return np.asarray(sizes[:, None] * decompose(rows / units[:, None]).N)
 
 
 def drive_rows(

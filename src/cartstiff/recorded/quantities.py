@@ -31,7 +31,13 @@ from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.core.stiffness.compute import analyse
 from cartstiff.core.units import Units
-from cartstiff.recorded.strength import Drives, effort_margin, largest_load
+from cartstiff.recorded.strength import (
+    Drives,
+    along_jacobian,
+    effort_margin,
+    has_as_many_drives_as_motions,
+    largest_load,
+)
 from cartstiff.recorded.tape import absolute, larger, pick, square_root
 
 #: Connections whose matrix may be asymmetric.
@@ -209,6 +215,12 @@ class Source:
     def _in_body(self, wrench: Sequence[float], at: Sequence[float]) -> Array:
         axes: Literal["world", "body"] = "world" if self.settings.world else "body"
         return wrench_in_body(wrench, self.arrays["pose"], at, axes)
+
+    def rates_of_load(self) -> Callable[[int], Numbers]:
+        """Rate of the force of each drive by the load."""
+        if self.settings.drives.of_loops:
+            raise InputError("the largest load of a closed chain has no derivatives")
+        return along_jacobian(self)
 
     # -- implemented by each kind of source
     # -----------------------------------------------------
@@ -667,7 +679,16 @@ def choose_quantities(
             )
         mechanism = elastic.mechanism
         lines = len(mechanism.points) or 6
-        if "jacobian" in quantity.needs and (mechanism.closures or lines != 6):
+        is_held = name == "largest_load" and lines == 6
+        if is_held and mechanism.closures:
+            if not has_as_many_drives_as_motions(elastic):
+                raise InputError(
+                    f"the quantity {name} is not defined for a closed chain whose drives "
+                    "share a load by their stiffness, or whose links give",
+                    expected="as many drives as motions, and no rigid or compliant one "
+                    "besides; or cartstiff.capacity at each posture",
+                )
+        elif "jacobian" in quantity.needs and (mechanism.closures or lines != 6):
             raise InputError(
                 f"the quantity {name} is not defined for a mechanism with closures, or "
                 "lines "

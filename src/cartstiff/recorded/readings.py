@@ -682,4 +682,6 @@ def recordable(
     """Names of the quantities that can be recorded for a case."""
     frequencies = 0 if with_masses(elastic, case) is None else frequencies_of(case)
     left = FREQUENCIES.difference(map(frequency_name, range(frequencies)))
+    if elastic.mechanism.closures:
+        left |= {"largest_load"}
     return tuple(n for n in names if n in READINGS and n not in left and not is_own(n))

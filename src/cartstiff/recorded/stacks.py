@@ -38,6 +38,7 @@ from cartstiff.recorded.quantities import (
     Settings,
     Source,
 )
+from cartstiff.recorded.strength import rates_in_loops
 from cartstiff.recorded.vibrations import ManyModes
 
 
@@ -225,6 +226,14 @@ class Stacks(Source):
             J,
             shape=(min(J.shape[1:]),),
         )
+
+    def rates_of_load(self) -> Callable[[int], Numbers]:
+        """Rate (N,) of the force of each drive by the load."""
+        if not self.settings.drives.of_loops or self.swing is None:
+            return super().rates_of_load()
+        at, W = self.swing, self.arrays["wrench"]
+        rates = self.once("rates of load", lambda: rates_in_loops(at.elastic, at.q, W))
+        return lambda i: rates[i]
 
     @property
     def vibrations(self) -> ManyModes:

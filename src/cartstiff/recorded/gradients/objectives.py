@@ -113,19 +113,16 @@ def _output(result: PostureStiffness, name: str) -> Array:
     NaN where it does not exist.
     """
     kind, _, letter = name.partition("_")
-    here = result.at()
+    here, value = result.at(), None
     found = {
         "stiffness": here.matrices,
         "compliance": here.compliances,
     }
     if kind in found:
         value = found[kind][letter]
+    elif name == "energy":
+        value = np.array([result.energy])
     else:
-        value = {
-            "pose": result.pose,
-            "wrench": result.wrench,
-            "energy": np.array([result.energy]),
-            "jacobian": result.posture.motion.jacobian,
-        }[name]
+        value = getattr(result, name)
     shape = (6,) if name == "wrench" else (6, 6)
     return np.full(shape, np.nan) if value is None else np.asarray(value)

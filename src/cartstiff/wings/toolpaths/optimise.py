@@ -748,7 +748,7 @@ class PathCost:
         outputs = needed_outputs(asked, settings)
         found = self._arrays(outputs, q, wrenches)
         lengths = np.array([c.is_length for c in self.elastic.mechanism.coordinates])
-        return evaluate(asked, found, settings, lengths)
+        return evaluate(asked, found, settings, lengths, ManyModes(self.elastic, q))
 
     def _arrays(
         self, outputs: tuple[str, ...], q: Array, load: Array | None
