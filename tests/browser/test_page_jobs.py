@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 
@@ -552,6 +553,19 @@ def test_for_print_as_wide_as_wished_with_a_caption_or_none(hand, tmp_path):
     assert "How far the load moves the point [mm] along" in texts[True]
     assert "Springs illustrative, not measured" in texts[True]
     assert "Springs" not in texts[False]
+    # In a column the letters of the plot are as large as those below it, and legible in print.
+    before = page.inner_html("#strip .plot")
+    with page.expect_download() as waiting:
+        printed(page, "plot", 85, svg=True)
+    waiting.value.save_as(tmp_path / "plot.svg")
+    text = (tmp_path / "plot.svg").read_text("utf-8")
+    assert page.inner_html("#strip .plot") == before
+    width = float(re.search(r'viewBox="0 0 ([0-9.]+) ', text)[1])
+    sizes = [float(size) for size in re.findall(r'<text [^>]*font-size[:="]+([0-9.]+)', text)]
+    assert max(sizes) == min(sizes)
+    assert sizes[0] * 85 / width > 2.1  # mm, 6 points
+    last = max(float(x) for x in re.findall(r'<text x="([0-9.]+)"', text))
+    assert last < width
     # Both pictures, side by side, are in one file.
     heights = {}
     for both in (False, True):

@@ -53,8 +53,8 @@ class Row {
   }
 
   /** How far its load moves the point, in the unit of the mechanism in hand if it can be. */
-  way(store = this.store) {
-    return displacementWords(this.sameUnits ? this.main : store, store.numbers);
+  way(numbers, store = this.store) {
+    return displacementWords(this.sameUnits ? this.main : store, numbers);
   }
 
   /** Whether its numbers belong to what was wished before. */
@@ -90,7 +90,7 @@ class Row {
     if (!node && this.own) return this.refresh();
     this.pane = node ? new Pane(node, []) : NONE;
     const store = this.store = new Store(this.main.source.beside(this.number), this.pane, true);
-    if (node) callOut(store, () => this.way(store));
+    if (node) callOut(store, () => this.way(store.numbers, store));
     this.store.on("hello", () => Object.assign(this.store.state, this.wished()));
     this.store.on("numbers", () => this.accept(this.store.numbers, this.store.shown));
     this.store.on("error", (text) => this.accept(null, null, text));
@@ -229,7 +229,7 @@ export function compareCard(store) {
   /** Under the picture of a row: what it is, how far the load moves it, and its scale. */
   function caption(row) {
     const { numbers } = row;
-    const way = numbers?.moved?.resisted ? `, ${row.way()}` : "";
+    const way = numbers?.moved?.resisted ? `, ${row.way(numbers)}` : "";
     row.caption?.replaceChildren(row.own ? `State ${row.title}${way}` : `${row.title}${way}`, el("br"), row.bar,
       ` ${row.store?.legend?.bar.text ?? ""}`);
   }

@@ -40,8 +40,7 @@ function points(store) {
 
 /** In a store's picture an arrow along the way on which the load moves the point, with the answer at it. */
 export function callOut(store, answer) {
-  const { THREE } = MeshCat;
-  const { pane } = store;
+  const [{ THREE }, { pane }] = [MeshCat, store];
   const paint = (opacity, depthTest) =>
     new THREE.MeshBasicMaterial({ color: hues("deflection")[0], transparent: true, opacity, depthTest });
   const arrow = new THREE.Group();

@@ -241,7 +241,7 @@ export function heat(store, what) {
     const { title, unit, one } = all;
     const [first, second] = [map.first, map.second].map(coordinate);
     const lines = provenance(store, map.state, `${title} [${unit}] along ${first.name} and ${second.name}`);
-    if (kind !== "csv") return saveDrawing(kind, name, drawing(plot.node, lines,
+    if (kind !== "csv") return saveDrawing(kind, name, drawing(plot, lines,
       ["colours as in the bar, bright is good; grey: no value, or one that is not above zero; red and green marks: the "
         + "worst and the best; ring: the posture"], kind));
     const head = [first, second].map((one) => `${one.name} [${one.unit}]`);

@@ -51,6 +51,7 @@ export class Plot {
   /** `draw` is called when the size has changed: asking for it each time lays the page out. */
   constructor(margin, draw, { kind = "plot", label = "no curves yet" } = {}) {
     this.margin = margin;
+    this.draw = draw;
     this.width = this.height = 0;
     this.node = svg("svg", { role: "img", class: kind, "aria-label": label });
     new ResizeObserver(() => {

@@ -11,6 +11,8 @@ const ROW = 14;
 const DPI = 300;
 const PRINTED_ROW = 3;
 const MM_PER_INCH = 25.4;
+// Dots that a plot needs at least, however narrow it is in print.
+const LEAST_WIDTH = 240;
 /**
  * Kinds of files for print: a column, a page, and what is asked for. Of a kind the words behind its width say what it
  * lacks: "clear" the ground, "bare" the caption, "alone" the other pictures.
@@ -90,24 +92,28 @@ export function sheet(copy, { width, height, ink, paper, kind = "svg" }, words) 
   const total = height + (rows.length ? letters * ROW * (rows.length + 0.6) : 0);
   if (!kind.includes("clear")) copy.prepend(svg("rect", { width, height: total, fill: paper }));
   rows.forEach(([text, fill], i) => copy.append(svg("text", { x: 6, y: height + letters * ROW * (i + 1),
-    "font-size": 11 * letters, "font-family": "sans-serif", fill }, text)));
+    "font-size": 10.5 * letters, "font-family": "sans-serif", fill }, text)));
   const size = (x) => (/^svg[\d.]/.test(kind) ? `${(x * printed(kind)) / width}mm` : x);
   for (const [name, value] of Object.entries({ xmlns: SVG_SPACE, width: size(width), height: size(total),
     viewBox: `0 0 ${width} ${total}` })) copy.setAttribute(name, value);
   return { text: `<?xml version="1.0"?>\n${new XMLSerializer().serializeToString(copy)}\n`, width, height: total };
 }
 
-/** A plot on the page as a drawing of its own, what it shows below. */
+/** A plot on the page as a drawing of its own, what it shows below; in print it is laid out for the width on paper. */
 export function drawing(plot, lines, legend, kind = "svg") {
-  const { clientWidth: width, clientHeight: height } = plot;
-  const copy = plot.cloneNode(true);
-  const [from, to] = [plot, copy].map((node) => [...node.querySelectorAll("*")]);
+  const { node: shown, width: wide, height: high } = plot;
+  const width = printed(kind) ? Math.max(LEAST_WIDTH, (ROW * printed(kind)) / PRINTED_ROW) : wide;
+  const height = high * Math.max(1, width / wide);
+  Object.assign(plot, { width, height }).draw();
+  const copy = shown.cloneNode(true);
+  const [from, to] = [shown, copy].map((node) => [...node.querySelectorAll("*")]);
   from.forEach((node, i) => {
     const style = getComputedStyle(node);
     to[i].setAttribute("style", OWN.map((name) => `${name}:${style.getPropertyValue(name)}`).join(";"));
   });
+  Object.assign(plot, { width: wide, height: high }).draw();
   copy.removeAttribute("class");
-  const [ink, paper] = [getComputedStyle(plot).color, getComputedStyle(plot.parentElement).backgroundColor];
+  const [ink, paper] = [getComputedStyle(shown).color, getComputedStyle(shown.parentElement).backgroundColor];
   // In print a caption: what it is of, and what is assumed.
   const [title, subject, , ...rest] = lines;
   const words = kind.includes("bare") ? [] : printed(kind) ? [title, subject, ...rest.slice(0, -1)]

@@ -173,7 +173,7 @@ export function strip(store) {
     }
     if (series.others.length) legend.push(`dash-dot, with a name: ${names[0]} of ${series.others.map(({ called }) =>
       called).join(", ")}`);
-    saveDrawing(kind, name, drawing(plot.node, lines, legend, kind));
+    saveDrawing(kind, name, drawing(plot, lines, legend, kind));
   }
 
   const all = () => [series.at[0], series.at.at(-1)];
@@ -467,10 +467,7 @@ export function strip(store) {
   }
   store.on("replot", replot);
   store.showPlot = showPlot;
-  const redraw = () => {
-    draw();
-    map.draw();
-  };
+  const redraw = () => [draw, map.draw].forEach((each) => each());
   store.on("state", (patch) => { if ("allowed" in patch) redraw(); });
   store.on("rows", () => request());
   store.on("refused", () => plot.node.classList.toggle("stale", series !== null && series.key !== key()));
@@ -483,10 +480,6 @@ export function strip(store) {
     usual.of = of;
     redraw();
   }
-  store.on("numbers", () => {
-    question();
-    request();
-    showCursor();
-  });
+  for (const act of [question, () => request(), showCursor]) store.on("numbers", act);
   return { toggle, draw };
 }
