@@ -212,17 +212,24 @@ class Program(Recording):
         UnknownNameError
             For numbers that are not among the inputs.
         """
-        at, given = _as_vector(q, self._count, "q"), self._usual.copy()
-        replaced: Mapping[str, Any] = numbers
-        for name, values in replaced.items():
-            check_name("input", name, self.inputs)
-            given[name] = self._checked(name, values)
-        if (wrench is None) is self.is_loaded:
-            self._refuse(wrench)
+        at = _as_vector(q, self._count, "q")
+        given = self._usual | self._replaced(numbers, wrench)
         if wrench is not None:
             given["wrench"] = _as_vector(wrench, 6, "wrench")
         plain = self._plain(at, given)
         return self._by_analyse(at, given) if plain is None else plain
+
+    def _replaced(
+        self, numbers: Mapping[str, Any], wrench: ArrayLike | None
+    ) -> dict[str, Array]:
+        """Inputs in place of the mechanism's; a load is refused or required."""
+        given = dict[str, Array]()
+        for name, values in numbers.items():
+            check_name("input", name, self.inputs)
+            given[name] = self._checked(name, values)
+        if (wrench is None) is self.is_loaded:
+            self._refuse(wrench)
+        return given
 
     def plain(self, q: Array, wrench: Array | None = None) -> PostureStiffness | None:
         """As a call, but None where `cartstiff.analyse` would be asked."""
@@ -450,14 +457,7 @@ class Program(Recording):
         As of `cartstiff.analyse_many`: with the state of every posture, and labels by
         ``.to_xarray()``. `numbers` as in a call, the same for all postures.
         """
-        given = dict[str, Array]()
-        replaced: Mapping[str, Any] = numbers
-        for name, values in replaced.items():
-            check_name("input", name, self.inputs)
-            given[name] = self._checked(name, values)
-        if (wrench is None) is self.is_loaded:
-            self._refuse(wrench)
-        elastic = self.elastic
+        given, elastic = self._replaced(numbers, wrench), self.elastic
         coordinates = elastic.mechanism.closed_as_given(checked_q(elastic, q))
         loads = checked_wrench(elastic, wrench, len(coordinates))
         threads = os.cpu_count() or 1
