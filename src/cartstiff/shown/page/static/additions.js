@@ -4,8 +4,8 @@ import { byId, el, heading } from "./dom.js";
 import { sliderRow } from "./inputs.js";
 
 export function additionsCard(store) {
-  const list = el("div", { class: "sliders" });
-  const card = el("div", { class: "card additions-card", hidden: true }, heading("From Python"), list);
+  const list = el("div.sliders");
+  const card = el("div.card.additions-card", { hidden: true }, heading("From Python"), list);
   byId("left").append(card);
   let rows = new Map();
   const values = {};

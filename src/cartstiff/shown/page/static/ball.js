@@ -21,7 +21,7 @@ export function stiffnessBall(store) {
   const mesh = new THREE.Mesh(geometry,
     new THREE.MeshBasicMaterial({ vertexColors: true, transparent: true, opacity: 0.92 }));
   mesh.userData.twin = false;
-  const words = el("div", { class: "ball-words num", role: "status", hidden: true });
+  const words = el("div.ball-words.num", { role: "status", hidden: true });
   byId("stage").append(words);
   const tip = tipIn(byId("stage"), "overlay", [14, 16]);
   const box = el("input", { type: "checkbox", onchange: () => { update(); pane.viewer.set_dirty(); } });
@@ -84,6 +84,6 @@ export function stiffnessBall(store) {
     return plainly(directionWords(times(R, direction), true, store.hello.mechanism.upright));
   };
   store.on("numbers", update);
-  return el("label", { class: "check", title: "The stiffness along every direction; point at it to read it" }, box,
+  return el("label.check", { title: "The stiffness along every direction; point at it to read it" }, box,
     "Coloured ball");
 }

@@ -161,13 +161,13 @@ function difference(store, row) {
 }
 
 export function compareCard(store) {
-  const table = el("table", { class: "compared" });
+  const table = el("table.compared");
   const keep = button("", () => store.keep(),
     { title: "Keep posture, load and springs as a state to compare with (a)" });
   const pictures = el("input", { type: "checkbox", onchange: () => show() });
-  const aside = el("label", { class: "check", title: "One camera, one scale, radii as in the legend" }, pictures,
+  const aside = el("label.check", { title: "One camera, one scale, radii as in the legend" }, pictures,
     "pictures side by side");
-  byId("right").append(el("div", { class: "card compare-card" }, heading("States", aside, keep), table));
+  byId("right").append(el("div.card.compare-card", heading("States", aside, keep), table));
   const beside = byId("beside");
 
   function insert(row) {
@@ -202,10 +202,10 @@ export function compareCard(store) {
       row.figure?.remove();
       Object.assign(row, { figure: null, asked: null });
       if (seen) {
-        const node = el("div", { class: "pane" });
-        row.bar = el("i", { class: "scale" });
-        row.caption = el("figcaption", {});
-        row.figure = el("figure", { class: "waits" }, node, row.caption);
+        const node = el("div.pane");
+        row.bar = el("i.scale");
+        row.caption = el("figcaption");
+        row.figure = el("figure.waits", node, row.caption);
         beside.append(row.figure);
         row.open(node);
       } else row.open(null);
@@ -248,16 +248,15 @@ export function compareCard(store) {
     const [moving, turning] = freeness(store.shown);
     const heads = [["moves", ""], ["softest", `, ${moving}`], ["in rotation", `, ${turning}`]];
     const line = (name, title, found, note, ...buttons) =>
-      el("tr", { title: title ?? null }, el("th", { scope: "row" }, name, " ", el("span", { class: "dim" }, note),
-        ...buttons),
+      el("tr", { title: title ?? null }, el("th", { scope: "row" }, name, " ", el("span.dim", note), ...buttons),
       ...found);
-    const cell = (x, k, ratio) => el("td", { class: "num" }, x === null ? "–" : short(x / sizes[k][0]),
-      ratio === null ? "" : el("span", { class: "ratio dim" }, ` × ${short(ratio, 3)}`));
+    const cell = (x, k, ratio) => el("td.num", x === null ? "–" : short(x / sizes[k][0]),
+      ratio === null ? "" : el("span.ratio.dim", ` × ${short(ratio, 3)}`));
     table.replaceChildren(
-      el("thead", {}, el("tr", {}, el("td"),
+      el("thead", el("tr", el("td"),
         ...heads.map(([word, others], k) => el("th", { scope: "col", title: k ? `of ${symbol(store.shown)}` : null },
-          word, el("br"), el("span", { class: "unit" }, sizes[k][1]), others)))),
-      el("tbody", {}, line(el("b", {}, "now"), "The current state", here.map((x, k) => cell(x, k, null)),
+          word, el("br"), el("span.unit", sizes[k][1]), others)))),
+      el("tbody", line(el("b", "now"), "The current state", here.map((x, k) => cell(x, k, null)),
         store.hello.mechanisms?.length > 1 ? store.hello.mechanism.name : ""),
         ...rows.map((row) => {
           const name = row.title;
@@ -269,8 +268,8 @@ export function compareCard(store) {
           const act = (text, title, onclick) => button(text, onclick, { class: "quiet", title, "aria-label": title });
           const actions = row.own ? [act("→", `Go to state ${name}`, () => store.goToKept(row.kept.number)),
             act("✕", `Forget state ${name}`, () => store.setKept(store.kept.filter((one) => one !== row.kept)))]
-            : [el("a", { class: "quiet", href: `?mechanism=${row.number}`, title: `Open ${name}` }, "→")];
-          const shown = line(el("b", {}, name), null, row.cells.map((one) => cell(...one)), note, ...actions);
+            : [el("a.quiet", { href: `?mechanism=${row.number}`, title: `Open ${name}` }, "→")];
+          const shown = line(el("b", name), null, row.cells.map((one) => cell(...one)), note, ...actions);
           shown.classList.toggle("late", row.late);
           return shown;
         })));

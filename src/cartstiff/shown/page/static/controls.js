@@ -13,13 +13,12 @@ const AXES = [["body", "tool axes", "Components along the axes of the body frame
 const NO_LOAD = [0, 0, 0, 0, 0, 0];
 
 export function controls(store) {
-  const note = el("span", { class: "dim small" });
+  const note = el("span.dim.small");
   const panels = ["load", "drives", "springs", "point"].map((name) =>
-    [name, name[0].toUpperCase() + name.slice(1), el("div", { class: "panel" })]);
+    [name, name[0].toUpperCase() + name.slice(1), el("div.panel")]);
   const [loadPanel, drives, springPanel, pointPanel] = panels.map(([, , node]) => node);
   const [tab, , offer] = tabs("Setup", panels);
-  byId("left").append(el("div", { class: "card setup-card" }, heading("Setup", note), tab,
-    ...panels.map(([, , node]) => node)));
+  byId("left").append(el("div.card.setup-card", heading("Setup", note), tab, ...panels.map(([, , node]) => node)));
   const notes = { drives: drivesPanel(store, drives, offer) };
 
   const axes = stateChoice(store, "axes", "Axes of the numbers", AXES);
@@ -44,7 +43,7 @@ export function controls(store) {
     else store.change({ load: value === "none" && mechanism.may_be_loaded ? NO_LOAD : null });
   });
   const along = hint();
-  const acts = el("details", { class: "acts" });
+  const acts = el("details.acts");
   let isMine = false; // chosen, while its numbers may all be zero
   let load, springs, point, loadPoint, weight;
 
@@ -69,7 +68,7 @@ export function controls(store) {
     loadPoint = fields(COORDINATES.map((name) => [name, units.length, "load at"]),
       (values) => store.change({ load_at: values }));
     loadPoint.node.title = `Where the load acts: from the origin of M along its axes, in ${units.length}`;
-    acts.replaceChildren(el("summary", {}, "Axes, place, behaviour, weight"), loadAxes, loadPlace, loadPoint.node,
+    acts.replaceChildren(el("summary", "Axes, place, behaviour, weight"), loadAxes, loadPlace, loadPoint.node,
       loadKind);
     loadPanel.replaceChildren(loadOf, load.node, along, acts);
     // A file weighs what it weighed when it was made.
@@ -101,7 +100,7 @@ export function controls(store) {
     point = fields([["x", units.length], ["y", units.length], ["z", units.length]],
       (values) => store.change({ point: values }));
     const frames = mechanism.frames.length > 1 && store.source.live
-      ? el("label", { class: "line" }, el("span", {}, "frame M"), frameSelect) : "";
+      ? el("label.line", el("span", "frame M"), frameSelect) : "";
     pointPanel.replaceChildren(frames,
       hint(`Point on the body, from the origin of M along its axes, in ${units.length}`), point.node, axes);
   }
@@ -182,7 +181,7 @@ function drivesPanel(store, node, offer) {
     });
     node.replaceChildren(hint("How far each drive is commanded to move from the posture; what results under the load "
       + "is shown."),
-      el("div", { class: "sliders" }, ...rows.map((row) => row.node)),
+      el("div.sliders", ...rows.map((row) => row.node)),
         button("None", () => store.change({ command: null })));
   });
   const set = () => rows.forEach((row) => {
@@ -215,19 +214,19 @@ export function pictureControls(store) {
   for (const [key, text] of TOGGLES) {
     const box = el("input", { type: "checkbox", onchange: () => store.change({ [key]: box.checked }) });
     boxes.set(key, box);
-    list.append(el("label", { class: "check" }, box, text));
+    list.append(el("label.check", box, text));
   }
   const every = el("input",
     { type: "checkbox", onchange: () => { store.pane.every = every.checked; store.pane.viewer.set_dirty(); } });
-  list.append(el("label",
-    { class: "check", title: "Otherwise the softest value of each, and the others when it is pointed at" }, every,
+  list.append(el("label.check",
+    { title: "Otherwise the softest value of each, and the others when it is pointed at" }, every,
       "All principal values"));
   list.append(stiffnessBall(store));
   const scale = stateChoice(store, "scale", "Scale of the ellipsoids",
     [["root", "√", "Radii grow with the square root of the value: soft and stiff stay visible"],
       ["linear", "linear", "Radii grow with the value"],
       ["log", "log", "Radii grow with the logarithm; a ring for each factor of ten"]]);
-  list.append(el("div", { class: "line" }, el("span", {}, "radii"), scale));
+  list.append(el("div.line", el("span", "radii"), scale));
   const details = byId("show");
   document.addEventListener("pointerdown", (/** @type {any} */ event) => {
     if (!details.contains(event.target)) details.open = false;
@@ -260,8 +259,8 @@ export function pictureControls(store) {
       { class: "quiet", disabled: !points.has_postures || !store.source.moves,
         title: `Stand at the point of the map with its ${words} value` });
     list.append(el("div", { id: "map-choice" },
-      el("label", { class: "line" }, "map", select),
-      el("div", { class: "row" }, extreme("lowest", -1), extreme("highest", 1)),
+      el("label.line", "map", select),
+      el("div.row", extreme("lowest", -1), extreme("highest", 1)),
       hint(`${points.count} points${thinned}`)));
     select.value = store.state.quantity_of_map;
     select.disabled = fixed;

@@ -38,15 +38,15 @@ function assumptions(store, moved) {
 
 /** The better posture that Python finds, as a pale second mechanism, with what gets worse: to be taken or left. */
 function betterPosture(store) {
-  const words = el("p", { class: "fact found", role: "status" });
+  const words = el("p.fact.found", { role: "status" });
   const take = button("Take it", () => {
     const { q } = offered;
     leave();
     store.goTo(q);
     store.follow();
   }, { class: "primary" });
-  const row = el("div", { class: "row offer", hidden: true }, take, button("Leave it", () => leave()),
-    el("span", { class: "dim small" }, "pale in the picture"));
+  const row = el("div.row.offer", { hidden: true }, take, button("Leave it", () => leave()),
+    el("span.dim.small", "pale in the picture"));
   let offered = null;
 
   function leave() {
@@ -74,31 +74,31 @@ function betterPosture(store) {
     if (offered) Object.assign(store.state, { ghost: store.kept[0]?.state.q.slice() ?? null });
     [offered, row.hidden] = [null, true];
   });
-  return { search, node: el("div", {}, words, row) };
+  return { search, node: el("div", words, row) };
 }
 
 /** The load as the first control: a size, and directions. */
 function firstLoad(store) {
   const size = el("input", { type: "number", value: EXAMPLE, min: 0, step: "any", "aria-label": "Size of the load" });
-  const unit = el("span", { class: "unit" });
+  const unit = el("span.unit");
   store.on("hello", () => { unit.textContent = store.unit("force"); });
   const act = (way) => {
     const newtons = size.valueAsNumber > 0 ? size.valueAsNumber : EXAMPLE;
     store.change({ load: [0, 0, 0, ...way.map((x) => x && newtons * x)], load_axes: "world" });
     store.follow();
   };
-  return el("div", { class: "row first-load" }, el("span", {}, "Load"), size, unit,
+  return el("div.row.first-load", el("span", "Load"), size, unit,
     ...EXAMPLES.map(([words, way]) => button(words, () => act(way),
       { title: `This force ${words} in the room; then drag the arrow, or type numbers on the left` })));
 }
 
 export function deflectionPanel(store) {
   const title = el("h2");
-  const head = el("div", { class: "moved-head" });
-  const detail = el("div", { class: "moved-detail" });
-  const line = el("p", { class: "moved-line dim small" });
+  const head = el("div.moved-head");
+  const detail = el("div.moved-detail");
+  const line = el("p.moved-line.dim.small");
   const first = firstLoad(store);
-  const settled = el("p", { class: "fact settled", hidden: true });
+  const settled = el("p.fact.settled", { hidden: true });
   const bars = shareBars(store);
   const { node: play, line: factor, toggle } = give(store, () => judged(store));
   sharePicture(store);
@@ -120,8 +120,8 @@ export function deflectionPanel(store) {
   }
   const [softest, doubt, advice] = ["softest", "doubt", "advice"].map((name) => el("p", { class: `fact ${name}` }));
   const { search, node: offer } = betterPosture(store);
-  byId("right").append(el("div", { class: "card moved-card" },
-    el("div", { class: "row head" }, title, el("span", { class: "grow" }), search, play),
+  byId("right").append(el("div.card.moved-card",
+    el("div.row.head", title, el("span.grow"), search, play),
     first, head, advice, factor, settled, offer, bars, softest, doubt, detail, line));
 
   /** What is true with a load or without: the softest direction, how sure the springs are. */
@@ -130,9 +130,9 @@ export function deflectionPanel(store) {
     softest.hidden = !soft;
     const where = soft?.which ? plainly(soft.which) : "along more than one direction alike";
     if (soft) {
-      softest.replaceChildren("Softest ", el("b", {}, engineering(soft.stiffness,
+      softest.replaceChildren("Softest ", el("b", engineering(soft.stiffness,
         `${store.unit("force")}/${store.unit("length")}`)), ` ${where}`,
-      el("span", { class: "dim" }, ", free to turn"));
+      el("span.dim", ", free to turn"));
     }
     const found = doubts(store, store.shown);
     const [assumed, onLines, beyond] = ["stiffness-assumed", "held-by-lines", "force-limits"]
@@ -178,11 +178,10 @@ export function deflectionPanel(store) {
     const [way, turn] = [moved.displacement, moved.rotation].map((v) => Math.hypot(...v));
     const turned = turn * store.hello.mechanism.size > NEGLIGIBLE_DIFFERENCE * way ? turn : 0;
     const what = store.shown.point.some((x) => x) ? "The point" : "M";
-    say("", `${what} moves `, el("b", {}, displacementWords(store)), moved.which ? ` ${plainly(moved.which)}` : "",
-      turned ? "; turns " : "", turned ? el("b", {}, engineering(turned, "rad")) : "");
+    say("", `${what} moves `, el("b", displacementWords(store)), moved.which ? ` ${plainly(moved.which)}` : "",
+      turned ? "; turns " : "", turned ? el("b", engineering(turned, "rad")) : "");
     head.title = "To first order, from where the springs rest without this load";
-    const row = (name, value, title) =>
-      el("div", { title }, el("span", { class: "dim" }, name), el("span", { class: "num" }, value));
+    const row = (name, value, title) => el("div", { title }, el("span.dim", name), el("span.num", value));
     const { displacement } = store.sizes;
     const isTurned = moved.in_room.some((x, i) => Math.abs(x - moved.displacement[i]) > NEGLIGIBLE_DIFFERENCE * way);
     detail.append(
@@ -194,7 +193,7 @@ export function deflectionPanel(store) {
         .map((i) => together(wrench.slice(i, i + 3), store.unit(i ? "force" : "moment"))).join(";  "),
       "moment and force about the origin of M, along its axes")] : []),
       row("energy", engineering(moved.energy, store.unit("moment")), "that the load puts into the springs"),
-      ...moved.notes.map((note) => el("div", { class: "dim small" }, note)));
+      ...moved.notes.map((note) => el("div.dim.small", note)));
     line.textContent = line.title = assumptions(store, moved);
   });
   return { toggle };

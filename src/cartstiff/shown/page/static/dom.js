@@ -6,16 +6,24 @@ import { PRINTED_AS_ZERO, ROUNDOFF } from "./numerics.js";
 export const SUPERSEDED = "a newer question took the place of this one";
 export const LOST = "the connection was lost";
 
-/** An element with attributes, listeners (on...) and children. */
-export function el(tag, attributes = {}, ...children) {
+/**
+ * An element, "tag.class.class", with attributes and listeners (on...) where they are given first, and children.
+ *
+ * @param {string} name
+ * @param {...any} rest
+ * @returns {any}
+ */
+export function el(name, ...rest) {
+  const [tag, ...classes] = name.split(".");
   const node = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) {
-    if (name.startsWith("on")) node.addEventListener(name.slice(2), value);
-    else if (name === "class") node.className = value;
-    else if (value === true) node.setAttribute(name, "");
-    else if (value !== false && value != null) node.setAttribute(name, value);
+  node.classList.add(...classes);
+  const attributes = rest[0]?.constructor === Object ? rest.shift() : {};
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key.startsWith("on")) node.addEventListener(key.slice(2), value);
+    else if (value === true) node.setAttribute(key, "");
+    else if (value !== false && value != null) node.setAttribute(key, value);
   }
-  node.append(...children.filter((child) => child != null));
+  node.append(...rest.filter((child) => child != null));
   return node;
 }
 
@@ -139,10 +147,9 @@ export function dropdown(label, options, onchoose, more = {}) {
 }
 
 /** The head of a card: its title, and what is at its end. */
-export const heading = (title, ...end) => el("div", { class: "row head" }, el("h2", {}, title),
-  el("span", { class: "grow" }), ...end);
+export const heading = (title, ...end) => el("div.row.head", el("h2", title), el("span.grow"), ...end);
 
-export const hint = (...words) => el("p", { class: "dim small" }, ...words);
+export const hint = (...words) => el("p.dim.small", ...words);
 
 export const button = (words, onclick, more = {}) => el("button", { type: "button", onclick, ...more }, words);
 
@@ -156,7 +163,7 @@ export function choice(label, options, onchoose) {
   const name = `choice ${++choices}`;
   const labels = options.map(([value, text, title]) => radio(name, value, [text], () => onchoose(value), { title }));
   const choose = (value) => { for (const { control } of labels) control.checked = control.value === value; };
-  return [el("div", { class: "choice", role: "radiogroup", "aria-label": label }, ...labels), choose];
+  return [el("div.choice", { role: "radiogroup", "aria-label": label }, ...labels), choose];
 }
 let choices = 0;
 
@@ -212,7 +219,7 @@ export function tipIn(box, kind, [right, down]) {
 /** A short message that goes away. */
 export function toast(text) {
   document.querySelector(".toast")?.remove();
-  const node = el("div", { class: "toast", role: "status" }, text);
+  const node = el("div.toast", { role: "status" }, text);
   document.body.append(node);
   setTimeout(() => node.remove(), 2500);
 }

@@ -6,16 +6,16 @@ import { byId, el, engineering, inSize, plainly, short } from "./dom.js";
 const TYPED = "mm";
 
 export function enoughCard(store) {
-  const said = el("span", { class: "dim small", role: "status" });
+  const said = el("span.dim.small", { role: "status" });
   const input = el("input", { type: "number", min: 0, step: "any", id: "allowed", onchange: () => {
     const typed = input.valueAsNumber;
     store.change({ allowed: typed > 0 ? typed * factor() : null });
   } });
-  const unit = el("span", { class: "dim" });
+  const unit = el("span.dim");
   const result = el("output", { for: "allowed" });
-  byId("right").append(el("details", { class: "card enough-card" },
-    el("summary", {}, el("h2", {}, "Is it good enough?"), said),
-    el("label", { class: "line" }, el("span", {}, "allowed displacement"), input, unit), result));
+  byId("right").append(el("details.card.enough-card",
+    el("summary", el("h2", "Is it good enough?"), said),
+    el("label.line", el("span", "allowed displacement"), input, unit), result));
 
   const own = () => store.unit("length");
   const factor = () => (own() === "m" ? inSize(1e-3, own())[0] : 1);

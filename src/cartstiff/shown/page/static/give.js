@@ -9,8 +9,7 @@ import { ticking } from "./player.js";
 // Time (s) of one way there and back.
 const SWAY_TIME = 2.6;
 // What hangs on the body, besides its frame M.
-const HANGING = ["translation ellipsoid", "rotation ellipsoid", "wrench", "nodal", "centres", "held forces",
-  "ball"];
+const HANGING = ["translation ellipsoid", "rotation ellipsoid", "wrench", "nodal", "centres", "held forces", "ball"];
 const CALLOUT = ["meshcat", "cartstiff", "callout"];
 // Height of the callout's letters where the picture is one unit away.
 const LETTERS = 0.032;
@@ -93,8 +92,8 @@ export function give(store, answer) {
     oninput: () => store.change({ enlarged: Number((most() ** slider.valueAsNumber).toPrecision(2)) }) });
   const auto = button("auto", () => store.change({ enlarged: null }), { class: "quiet",
     title: "Drawn as about a tenth of the mechanism's size" });
-  const words = el("span", { class: "num" });
-  const line = el("div", { class: "row enlarged", hidden: true }, words, slider, auto);
+  const words = el("span.num");
+  const line = el("div.row.enlarged", { hidden: true }, words, slider, auto);
   /** @type {any} */
   let playing = null;
   let usual = 1; // the factor that is taken by default

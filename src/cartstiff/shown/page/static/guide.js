@@ -10,18 +10,18 @@ export function guides(store) {
     const dialog = byId("report");
     dialog.setAttribute("aria-label", "Where to start");
     dialog.replaceChildren(heading("Where to start", button("Close", () => dialog.close())),
-      ...found.map(({ title, words }, k) => el("a", { class: "start", href: address(k) }, el("b", {}, title),
-        el("span", { class: "dim" }, words))),
+      ...found.map(({ title, words }, k) => el("a.start", { href: address(k) }, el("b", title),
+        el("span.dim", words))),
       hint("Each takes a minute. Your own mechanism: cartstiff view NAME, or a file; cartstiff models lists names."));
     dialog.showModal();
   }
 
   function lead({ title, steps }, others) {
     const words = el("p", { role: "status" });
-    const count = el("span", { class: "dim small" });
+    const count = el("span.dim.small");
     const [back, next] = [button("Back", () => go(at - 1)), button("Next", () => go(at + 1), { class: "primary" })];
-    const card = el("div", { class: "card guide-card", role: "region", "aria-label": title },
-      heading(title), words, el("div", { class: "row" }, back, next, count, el("span", { class: "grow" }),
+    const card = el("div.card.guide-card", { role: "region", "aria-label": title },
+      heading(title), words, el("div.row", back, next, count, el("span.grow"),
         button("End", () => end(), { class: "quiet" })));
     let at = -1;
     const end = () => {
@@ -47,7 +47,7 @@ export function guides(store) {
     }
 
     byId("left").prepend(card);
-    if (others) card.append(el("p", { class: "small" }, el("a", { href: location.pathname }, "Other starts")));
+    if (others) card.append(el("p.small", el("a", { href: location.pathname }, "Other starts")));
     go(0);
   }
 

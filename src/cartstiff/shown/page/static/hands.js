@@ -304,8 +304,7 @@ export function hands(store) {
     const turned = hold.state.load_axes === "body" ? new THREE.Quaternion()
       .setFromRotationMatrix(new THREE.Matrix4().extractRotation(node("M").matrixWorld))
       : node().getWorldQuaternion(new THREE.Quaternion());
-    const axes = [0, 1, 2]
-      .flatMap((i) => [1, -1].map((side) => vector(...[0, 1, 2].map((k) => (k === i ? side : 0)))
+    const axes = [0, 1, 2].flatMap((i) => [1, -1].map((side) => vector(...[0, 1, 2].map((k) => (k === i ? side : 0)))
         .applyQuaternion(turned)));
     for (const direction of [hold.origin.clone().sub(hold.base).normalize(), ...axes]) {
       const along = onLine(ray, hold.base, direction);

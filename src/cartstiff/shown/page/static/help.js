@@ -51,10 +51,10 @@ export function shortcuts(store, parts) {
     if (dialog.open) return dialog.close();
     dialog.replaceChildren(
       heading("Keyboard", button("Close", () => dialog.close())),
-      el("dl", { class: "keys" }, ...[...keys, ["← →", "on a slider: 1° or 0.5 %; Shift a tenth, PageUp ten"],
+      el("dl.keys", ...[...keys, ["← →", "on a slider: 1° or 0.5 %; Shift a tenth, PageUp ten"],
         ["Tab", "next control; arrows within a group"]]
-        .map(([key, words]) => el("div", {}, el("dt", {},
-          el("kbd", {}, /^\d{2}/.test(key) ? `${key[0]} … ${key.at(-1)}` : key)), el("dd", {}, words)))),
+        .map(([key, words]) => el("div", el("dt",
+          el("kbd", /^\d{2}/.test(key) ? `${key[0]} … ${key.at(-1)}` : key)), el("dd", words)))),
       hint("Mouse in the picture: left turns, right moves, wheel zooms; the ball at M and its arms move the tool, its "
         + "rings turn it (Shift: in steps of 5°), the balls at the load's arrows pull them, the ring about the "
           + "moment's line makes it larger or smaller (Alt: without snapping); a point of a map that is clicked "

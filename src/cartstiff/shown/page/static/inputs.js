@@ -18,8 +18,8 @@ export function fields(names, onchange, blank = []) {
     if (values.every((x) => x === null || Number.isFinite(x))) onchange(values);
   }
   inputs.forEach((input, i) => { if (blank[i]) input.placeholder = blank[i].called; });
-  const node = el("div", { class: "fields" }, ...names.map(([name, unit], i) =>
-    el("label", {}, el("span", { title: unit }, name), inputs[i])));
+  const node = el("div.fields", ...names.map(([name, unit], i) =>
+    el("label", el("span", { title: unit }, name), inputs[i])));
   const set = (values) => inputs.forEach((input, i) => {
     if (document.activeElement !== input) input.value = (values[i] === blank[i]?.value ? null : values[i]) ?? "";
   });
@@ -34,11 +34,10 @@ export function sliderRow(store, /** @type {any} */ { index, id = `slider-${inde
   const range = el("input", { type: "range", id, min: lower, max: upper, step: "any", "aria-label": name });
   const number = el("input", { type: "number", step: "any", "aria-label": `${name}, value`,
     id: id.replace("slider", "number") });
-  const shownUnit = el("span", { class: "unit" });
-  const low = el("span", { class: "limit" });
-  const high = el("span", { class: "limit" });
-  const node = el("div", { class: "slider" },
-    el("label", { for: id, title: name }, label), number, shownUnit, low, range, high);
+  const shownUnit = el("span.unit");
+  const low = el("span.limit");
+  const high = el("span.limit");
+  const node = el("div.slider", el("label", { for: id, title: name }, label), number, shownUnit, low, range, high);
   const factor = () => (isLength || store.angle === "rad" ? 1 : DEGREES);
 
   range.addEventListener("input", () => {

@@ -80,12 +80,12 @@ export function legendOf(facts) {
 function colourBar({ label, unit, count, lower, upper, log, kinds, better, stops = [] }) {
   const [factor, name] = inSize(upper ?? 0, unit ?? "");
   const words = [label, !kinds && name, log && !kinds && "logarithmic", better && "bright is good"].filter(Boolean);
-  const head = el("span", { class: "small" }, words.join(", "));
+  const head = el("span.small", words.join(", "));
   if (kinds) return [head,
-    ...kinds.map((one) => el("div", { class: "small kind", title: `${one.count} of ${count} points: ${one.name}` },
-    el("span", { class: "mark", style: `color: ${one.colour}`, "aria-hidden": "true" }, "●"), ` ${one.name}`))];
-  return [head, el("span", { class: "gradient", style: `background: linear-gradient(to right, ${stops.join(", ")})` }),
-    el("span", { class: "ends small num" }, ...[lower, upper].map((x) => el("span", {}, short(x / factor))))];
+    ...kinds.map((one) => el("div.small.kind", { title: `${one.count} of ${count} points: ${one.name}` },
+    el("span.mark", { style: `color: ${one.colour}`, "aria-hidden": "true" }, "●"), ` ${one.name}`))];
+  return [head, el("span.gradient", { style: `background: linear-gradient(to right, ${stops.join(", ")})` }),
+    el("span.ends.small.num", ...[lower, upper].map((x) => el("span", short(x / factor))))];
 }
 
 /** A line without what a note says beside it. */
@@ -96,7 +96,7 @@ const isShared = ({ legs, moved }) => Boolean(legs && moved?.resisted && moved.s
 
 export function legendBox(store) {
   const [box, bar] = [byId("legend"), byId("colour-bar")];
-  const scale = el("i", { class: "scale" });
+  const scale = el("i.scale");
   let length = 0; // of the bar, in units of the viewer
   let framed = false;
   store.pane.before.push(() => { scale.style.width = `${length * store.pane.dotsPerUnit}px`; });
@@ -111,7 +111,7 @@ export function legendBox(store) {
     const { legend } = store;
     if (!legend) return;
     length = legend.bar.length;
-    box.replaceChildren(el("div", { class: "num", title: "As long as this at M; what is nearer looks larger" }, scale,
+    box.replaceChildren(el("div.num", { title: "As long as this at M; what is nearer looks larger" }, scale,
       ` ${legend.bar.text}`),
       ...legend.lines.filter(({ mark }) => mark !== "tension" || !isShared(store.numbers))
         .map(({ mark, title, text }) => ({ mark, title, text: unsaid(text, store.numbers.result.notes) }))

@@ -133,7 +133,7 @@ function banners(store, source) {
   store.on("numbers", () => {
     if (!lost && !store.sticky && !banner.hidden && banner.dataset.level === "bad") show(null);
   });
-  if (!source.live) byId("left").prepend(el("p", { class: "exported dim small" }, source.words));
+  if (!source.live) byId("left").prepend(el("p.exported.dim.small", source.words));
 }
 
 async function inflate(id) {

@@ -34,7 +34,7 @@ export function matrixPanel(store) {
   let other = "B";
   let shown = null;
   const title = el("h2", { id: "matrix-title" });
-  const place = el("span", { class: "dim small place" });
+  const place = el("span.dim.small.place");
   const [views, chooseView] = choice("Part of the matrix", VIEWS, (value) => {
     view = value;
     update();
@@ -44,30 +44,28 @@ export function matrixPanel(store) {
     update();
   }, { hidden: true });
   const [columnHeads, rowHeads] = ["col", "row"].map((scope) => six(() => el("th", { scope })));
-  const cells = six((i) =>
-    six((j) => el("td", { class: "cell", tabindex: i + j ? -1 : 0, "data-row": i, "data-column": j })));
-  const units = [0, 1].map(() => [0, 1].map(() => el("td", { colspan: 3, class: "block-unit" })));
-  const row = (head, one, other) => el("tr", {}, head, ...one, el("td", { class: "space", "aria-hidden": "true" }),
-    ...other);
+  const cells = six((i) => six((j) => el("td.cell", { tabindex: i + j ? -1 : 0, "data-row": i, "data-column": j })));
+  const units = [0, 1].map(() => [0, 1].map(() => el("td.block-unit", { colspan: 3 })));
+  const row = (head, one, other) => el("tr", head, ...one, el("td.space", { "aria-hidden": "true" }), ...other);
   const halves = (list) => [list.slice(0, 3), list.slice(3)];
-  const table = el("table", { class: "matrix", "aria-labelledby": "matrix-title" },
-    el("thead", {}, row(el("td"), ...halves(columnHeads))),
-    el("tbody", {}, ...cells.flatMap((line, i) =>
+  const table = el("table.matrix", { "aria-labelledby": "matrix-title" },
+    el("thead", row(el("td"), ...halves(columnHeads))),
+    el("tbody", ...cells.flatMap((line, i) =>
       [...(i % 3 ? [] : [row(el("td"), ...units[i / 3].map((unit) => [unit]))]), row(rowHeads[i], ...halves(line))])));
-  const readout = el("div", { class: "readout", role: "status" });
-  const absent = el("p", { class: "absent-words", hidden: true });
-  const parts = el("div", { class: "row parts" }, views, select);
-  const [meaning, badge] = [el("p", { class: "meaning" }), el("span", { class: "badge" })];
+  const readout = el("div.readout", { role: "status" });
+  const absent = el("p.absent-words", { hidden: true });
+  const parts = el("div.row.parts", views, select);
+  const [meaning, badge] = [el("p.meaning"), el("span.badge")];
   const connections = stateChoice(store, "connection", "Connection", NAMES.map((name) => [name, name]));
   connections.classList.add("connections");
   const quantities = stateChoice(store, "quantity", "Quantity",
     [["stiffness", "Stiffness", "Wrench per motion (s)"], ["compliance", "Compliance", "Motion per wrench (s)"]]);
-  const choices = el("div", { class: "row choices" }, connections, el("span", { class: "grow" }), quantities);
+  const choices = el("div.row.choices", connections, el("span.grow"), quantities);
   parts.prepend(connections.lastChild);
-  const fold = el("details", { class: "parts-fold" }, el("summary", {}, "Parts and transpose"), parts);
-  byId("right").append(el("details", { class: "card matrix-card" }, el("summary", {}, title, place, badge), choices,
+  const fold = el("details.parts-fold", el("summary", "Parts and transpose"), parts);
+  byId("right").append(el("details.card.matrix-card", el("summary", title, place, badge), choices,
     table, absent,
-    el("div", { class: "row" }, readout,
+    el("div.row", readout,
       button("NumPy", () => copyNumpy(), { class: "quiet", title: "Copy as NumPy array (c)" }),
       button("CSV", () => copyCsv(), { class: "quiet", title: "Copy as CSV" })),
     meaning, fold));
@@ -102,7 +100,7 @@ export function matrixPanel(store) {
     const stiff = store.shown.quantity === "stiffness";
     const words = stiff ? `${WRENCH_WORDS[i]} per ${MOTION_WORDS[j]}, other motions held`
       : `${MOTION_WORDS[i]} per ${WRENCH_WORDS[j]}, no other load`;
-    readout.replaceChildren(el("b", {}, `${sure(shown[i][j], Math.max(...shown.flat().map(Math.abs)))} ${unit}`),
+    readout.replaceChildren(el("b", `${sure(shown[i][j], Math.max(...shown.flat().map(Math.abs)))} ${unit}`),
       ` ${words}`);
     readout.title = words;
   }
@@ -190,13 +188,12 @@ export function matrixPanel(store) {
 
   store.on("hello", ({ mechanism }) => {
     for (const { name, title: words, meaning: more } of mechanism.connections) {
-      all(`.matrix-card [data-value="${CSS.escape(name)}"]`)[0].title = `K${sup(name)}, ${words}: `
-        + `${more}`;
+      all(`.matrix-card [data-value="${CSS.escape(name)}"]`)[0].title = `K${sup(name)}, ${words}: ` + `${more}`;
     }
   });
   store.on("state", () => {
     const words = store.hello.mechanism.connections.find(({ name }) => name === store.state.connection);
-    meaning.replaceChildren(el("b", {}, words.title), ` ${words.meaning}`);
+    meaning.replaceChildren(el("b", words.title), ` ${words.meaning}`);
   });
   store.on("numbers", update);
   store.on("rows", update);

@@ -10,14 +10,14 @@ import { MARGIN } from "./strip.js";
 const SMALL = 0.1;
 
 export function modesPanel(store) {
-  const note = el("span", { class: "dim small" });
-  const rows = el("div", { class: "modes", role: "radiogroup", "aria-label": "Modes" });
+  const note = el("span.dim.small");
+  const rows = el("div.modes", { role: "radiogroup", "aria-label": "Modes" });
   const words = hint();
-  const card = el("details", { class: "card modes-card", ontoggle: () => {
+  const card = el("details.card.modes-card", { ontoggle: () => {
     const wanted = card.open ? (store.state.mode ?? 1) : null;
     if (store.state && store.state.mode !== wanted && (store.source.live || card.open)) choose(wanted);
     response(card.open);
-  } }, el("summary", {}, el("h2", {}, "Vibration"), note), rows, words);
+  } }, el("summary", el("h2", "Vibration"), note), rows, words);
   byId("right").append(card);
 
   const response = responseStrip(store);
@@ -62,9 +62,9 @@ export function modesPanel(store) {
     const list = (v) => v.map((x) => short(Math.abs(x) < NEGLIGIBLE_DIFFERENCE ? 0 : x, 3)).join(", ");
     const axis = !direction ? "M rests" : !point ? `M moves along ${list(direction)}`
       : `M turns about ${list(direction)} through ${list(point)}, pitch ${short(pitch, 3)} ${store.unit("length")}`;
-    const node = radio("mode", i + 1, [el("span", { class: "dim num" }, String(i + 1)),
+    const node = radio("mode", i + 1, [el("span.dim.num", String(i + 1)),
       el("span", { class: `num${f === null ? " bad" : ""}` }, hertz),
-      el("span", { class: "small what" }, what)], () => choose(i + 1), { class: "mode", title: axis });
+      el("span.small.what", what)], () => choose(i + 1), { class: "mode", title: axis });
     node.control.checked = chosen;
     return node;
   }
@@ -86,14 +86,13 @@ function responseStrip(store) {
       ratio = x;
       request();
     } });
-  const label = el("span", { class: "num small grow peak" });
+  const label = el("span.num.small.grow.peak");
   const plot = new Plot(MARGIN, () => draw());
   const node = byId("response");
-  node.append(el("div", { class: "row" },
-    el("span", { class: "dim", title: "Motion of the reference point per force at it, along the body's axes" },
+  node.append(el("div.row",
+    el("span.dim", { title: "Motion of the reference point per force at it, along the body's axes" },
       "Over frequency"), label,
-    el("label", { class: "row small" }, el("span", { class: "dim" }, "damping"), input,
-      el("span", { class: "dim" }, "%"))), plot.node);
+    el("label.row.small", el("span.dim", "damping"), input, el("span.dim", "%"))), plot.node);
 
   async function request() {
     if (node.hidden || !store.source.live || !store.numbers) return;

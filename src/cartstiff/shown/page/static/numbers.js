@@ -14,7 +14,7 @@ export function verdictLine(store) {
   const text = byId("verdict-text");
   const set = (level, words, title) => {
     node.dataset.level = level;
-    node.firstElementChild.replaceChildren(el("b", {}, ICONS[level]));
+    node.firstElementChild.replaceChildren(el("b", ICONS[level]));
     if (text.textContent !== words) text.textContent = words;
     node.title = title ?? words;
   };
@@ -43,14 +43,13 @@ export function verdictLine(store) {
 export const freeness = ({ others }) => [`rotation ${others}`, `translation ${others}`];
 
 export function numbersPanel(store) {
-  const [head, table, facts, meters] = [el("h2"), el("table", { class: "principal" }), el("dl", { class: "facts" }),
-    el("div", { class: "meters" })];
+  const [head, table, facts, meters] = [el("h2"), el("table.principal"), el("dl.facts"), el("div.meters")];
   const others = stateChoice(store, "others", "The other freedoms",
     [["free", "free", "Principal values of translation while the body may turn, of rotation while it may move: "
       + "nothing loads the other freedoms"],
       ["held", "held", "Principal values of translation while the body cannot turn, of rotation while it cannot move: "
         + "the diagonal blocks of the stiffness matrix"]]);
-  byId("right").append(el("div", { class: "card principal-card" }, el("div", { class: "row" }, head, others,
+  byId("right").append(el("div.card.principal-card", el("div.row", head, others,
     button("Full analysis", () => showReport(store), { class: "quiet", title: "Everything that the matrix says (i)" })),
       table, facts, meters));
 
@@ -65,10 +64,10 @@ export function numbersPanel(store) {
       return el("td", { class: `num${x < -PRINTED_AS_ZERO * size ? " negative" : ""}`, title },
         Math.abs(x) < PRINTED_AS_ZERO * size ? "0" : short(x / factor));
     };
-    const none = () => el("td", { class: "num", title: "does not exist here" }, "–");
+    const none = () => el("td.num", { title: "does not exist here" }, "–");
     return el("tr", { "data-row-of": kind },
       el("th", { scope: "row" }, el("span", { class: `mark ${kind}`, "aria-hidden": "true" }, mark), ` ${kind} `,
-        el("span", { class: "unit" }, `${read}, ${others}`)),
+        el("span.unit", `${read}, ${others}`)),
       ...values.map((x, i) => (x === null ? none() : cell(x, i))));
   }
 
@@ -81,12 +80,12 @@ export function numbersPanel(store) {
     const [low, high] = stiff ? ["softest", "stiffest"] : ["stiffest", "softest"];
     head.textContent = `Principal ${shown.quantity}`;
     table.replaceChildren(
-      el("thead", {}, el("tr", {}, el("td", { class: "dim" }, `of ${symbol(shown)}`), el("th", { scope: "col" }, low),
+      el("thead", el("tr", el("td.dim", `of ${symbol(shown)}`), el("th", { scope: "col" }, low),
         el("td"), el("th", { scope: "col" }, high))),
-      el("tbody", {}, row("translation", "●", units[1][1], free), row("rotation", "◆", units[0][0], turned)));
+      el("tbody", row("translation", "●", units[1][1], free), row("rotation", "◆", units[0][0], turned)));
     const { indices } = numbers;
     const length = store.unit("length");
-    const fact = (name, value, title = "") => [el("dt", {}, name), el("dd", { title }, value)];
+    const fact = (name, value, title = "") => [el("dt", name), el("dd", { title }, value)];
     facts.replaceChildren(
       ...(indices ? fact("Condition number", indices.condition_number === null ? "∞ (singular)"
         : `${short(indices.condition_number)} at length ${engineering(indices.length, length)}`,
@@ -102,31 +101,29 @@ export function numbersPanel(store) {
   function meter({ kind, ratio, smallest, largest, length }) {
     const words = `Distance to a ${KINDS[kind]}`;
     const share = ratio > 0 ? clamp(1 + Math.log10(ratio) / 4, 0, 1) : 0; // logarithmic from 0.0001 to 1
-    return el("div", { class: "singular", "data-level": ratio < RANK ? "bad" : ratio < NEAR_SINGULARITY ? "warning"
-      : "good",
+    return el("div.singular", { "data-level": ratio < RANK ? "bad" : ratio < NEAR_SINGULARITY ? "warning" : "good",
       title: `smallest over largest singular value ${short(smallest)} / ${short(largest)}, lengths over `
         + `${engineering(length, store.unit("length"))}; below ${NEAR_SINGULARITY} is near` },
-    el("span", { class: "label" }, words),
-    el("span", { class: "meter wide", role: "meter", "aria-label": words, "aria-valuemin": 0, "aria-valuemax": 1,
+    el("span.label", words),
+    el("span.meter.wide", { role: "meter", "aria-label": words, "aria-valuemin": 0, "aria-valuemax": 1,
       "aria-valuenow": ratio }, el("i", { style: `width: ${100 * share}%` })),
-    el("span", { class: "num" }, ratio < RANK ? "singular" : short(ratio, 3)),
-    el("span", { class: "small dim" }, ...["0.0001", "0.01", "1"].map((mark) => el("span", {}, mark))));
+    el("span.num", ratio < RANK ? "singular" : short(ratio, 3)),
+    el("span.small.dim", ...["0.0001", "0.01", "1"].map((mark) => el("span", mark))));
   }
 
   store.on("numbers", update);
 }
 
 export function notesCard(store) {
-  const notes = el("ul", { class: "notes", "aria-label": "Notes" });
-  const card = el("div", { class: "card notes-card" }, notes);
+  const notes = el("ul.notes", { "aria-label": "Notes" });
+  const card = el("div.card.notes-card", notes);
   byId("right").append(card);
   store.on("numbers", () => {
     const { doubts, result } = store.numbers;
     const rank = ({ code }) => (doubts.includes(code) ? doubts.indexOf(code) : doubts.length);
     const elsewhere = store.shown.connection === "F" ? ["force-limits"] : ["force-limits", "kf-undefined"];
-    const found = result.notes.filter(({ code }) => !elsewhere.includes(code))
-      .toSorted((a, b) => rank(a) - rank(b));
-    notes.replaceChildren(...found.map(({ message }) => el("li", {},
+    const found = result.notes.filter(({ code }) => !elsewhere.includes(code)).toSorted((a, b) => rank(a) - rank(b));
+    notes.replaceChildren(...found.map(({ message }) => el("li",
       plainly(`${message[0].toUpperCase()}${message.slice(1)}`))));
     card.hidden = !found.length;
   });
@@ -136,7 +133,7 @@ export function notesCard(store) {
 export async function showReport(store) {
   const dialog = byId("report");
   if (dialog.open) return dialog.close();
-  const text = el("pre", {}, "…");
+  const text = el("pre", "…");
   const head = heading("Analysis", button("Close", () => dialog.close()));
   dialog.replaceChildren(head, text);
   dialog.showModal();

@@ -147,8 +147,7 @@ export function picking(store) {
   // A row that is pointed at has its values written in the picture.
   const table = document.querySelector(".principal");
   table.addEventListener("pointerover", (/** @type {any} */ { target }) =>
-    pane.light(target.closest("[data-row-of]")?.dataset.rowOf
-    ?? null));
+    pane.light(target.closest("[data-row-of]")?.dataset.rowOf ?? null));
   table.addEventListener("pointerleave", () => pane.light(null));
 }
 
@@ -172,8 +171,7 @@ export function words(store, what) {
     const unit = store.blockUnits()[i][i];
     const values = what.kind === "axis" ? [found.values[what.index]] : found.values;
     const along = what.kind === "axis" ? ` along ${tuple(found.axes[what.index])}` : "";
-    return `${what.freedom}, ${store.shown.quantity}: ${values.map((x) =>
-      short(x, 5)).join(", ")} ${unit}${along}`;
+    return `${what.freedom}, ${store.shown.quantity}: ${values.map((x) => short(x, 5)).join(", ")} ${unit}${along}`;
   }
   if (what.kind === "joint") {
     const { name } = mechanism.coordinates[what.index];

@@ -16,21 +16,21 @@ export function posePanel(store) {
   const rows = [];
   let stretching = null; // lengths while one is changed by hand
   let letGo = null;
-  const list = el("div", { class: "sliders" });
-  const legs = el("div", { class: "legs" });
+  const list = el("div.sliders");
+  const legs = el("div.legs");
   const meaning = hint();
-  const filter = el("input", { type: "search", class: "filter", placeholder: "Find a joint",
+  const filter = el("input.filter", { type: "search", placeholder: "Find a joint",
     "aria-label": "Find a joint", hidden: true,
     oninput: () => narrow() });
   const unitButton = button("", () => flipAngle(), { title: "Degrees or radians (d)", class: "quiet" });
   const home = button("Home", () => toHome(store), { title: "The posture of the file (h)" });
   const zero = button("Zero", () => toZero(store), { title: "All coordinates zero, where the limits allow it (0)" });
   const random = button("Random", () => toRandom(store), { title: "A random posture within the limits (r)" });
-  const [joints, tool, note] = [el("div"), el("div", { class: "panel" }), el("span", { class: "dim small" })];
+  const [joints, tool, note] = [el("div"), el("div.panel"), el("span.dim.small")];
   const [tab, , offer] = tabs("Posture by", [["joints", "Joints", joints], ["tool", "Tool", tool]]);
-  const panel = el("div", { class: "card posture-card" },
-    el("div", { class: "row head" }, el("h2", {}, "Posture"), tab, el("span", { class: "grow" }), unitButton),
-    el("div", { class: "row buttons" }, home, zero, random),
+  const panel = el("div.card.posture-card",
+    el("div.row.head", el("h2", "Posture"), tab, el("span.grow"), unitButton),
+    el("div.row.buttons", home, zero, random),
     note, joints, tool);
   joints.append(filter, list, legs, meaning);
   byId("left").append(panel);
@@ -90,14 +90,13 @@ export function posePanel(store) {
     if (!found) return;
     const unit = store.unit("length");
     if (legs.childElementCount !== found.length + 1) {
-      legs.replaceChildren(el("div", { class: "leg leg-head dim small" }, el("span", {}, "leg"),
-        el("span", {}, `length ${unit}`), el("span", {}, ""), el("span", {}, `tension ${store.unit("force")}`)));
+      legs.replaceChildren(el("div.leg.leg-head.dim.small", el("span", "leg"),
+        el("span", `length ${unit}`), el("span", ""), el("span", `tension ${store.unit("force")}`)));
       found.forEach((_, i) => {
         const range = el("input", { type: "range", step: "any", "aria-label": `length of leg ${i + 1}`,
           oninput: () => stretch(i, range.valueAsNumber) });
         range.disabled = !store.source.moves;
-        legs.append(el("div", { class: "leg" }, el("span", {}, String(i + 1)), el("span", { class: "num" }), range,
-          el("span", { class: "num" })));
+        legs.append(el("div.leg", el("span", String(i + 1)), el("span.num"), range, el("span.num")));
       });
     }
     found.forEach((leg, i) => {

@@ -12,7 +12,7 @@ export function askPrint(title, save, { isPlot = false, hasOthers = false } = {}
   const width = el("input", { type: "number", id: "print-width", value: COLUMN, min: NARROWEST, max: WIDEST });
   const box = (words, checked) => {
     const input = el("input", { type: "checkbox", checked });
-    return { input, node: el("label", { class: "check" }, input, words) };
+    return { input, node: el("label.check", input, words) };
   };
   const [clear, caption, all] = [box("without a ground", false), box("with a caption", true),
     box("all pictures side by side", true)];
@@ -27,7 +27,7 @@ export function askPrint(title, save, { isPlot = false, hasOthers = false } = {}
       !all.input.checked && "alone"].filter(Boolean).join(" "));
   };
   dialog.replaceChildren(heading(title, button("Close", () => dialog.close())),
-    el("label", { class: "line" }, el("span", {}, "width"), width, el("span", { class: "dim" }, "mm")),
+    el("label.line", el("span", "width"), width, el("span.dim", "mm")),
     ...(isPlot ? [forms] : []), clear.node, caption.node, ...(hasOthers ? [all.node] : []),
     hint("The caption says what moves how far, and which springs are assumed."),
     button("Save", act, { class: "primary" }));

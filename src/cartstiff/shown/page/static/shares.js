@@ -30,19 +30,19 @@ function placesOf({ coordinates, joints, springs, platform }, name) {
 
 /** Bars up to 100 %; returns their node. */
 export function shareBars(store) {
-  const head = el("div", { class: "shares-head small dim" });
-  const list = el("div", { class: "moved-bars", role: "group", "aria-label": "Shares of the joints or legs" });
-  const none = el("p", { class: "dim small" });
+  const head = el("div.shares-head.small.dim");
+  const list = el("div.moved-bars", { role: "group", "aria-label": "Shares of the joints or legs" });
+  const none = el("p.dim.small");
 
   /** A bar that lights its part, where it has one. */
   function bar(name, share, isPart) {
     const fill = el("i");
     fill.style.width = `${clamp(100 * Math.abs(share), 0, 100)}%`;
     if (isPart) fill.style.background = css(shareColour(share));
-    const row = el("div", { class: "moved-bar", tabindex: isPart ? 0 : false, "data-part": isPart ? name : false },
-      el("span", { class: "moved-name" }, name),
+    const row = el("div.moved-bar", { tabindex: isPart ? 0 : false, "data-part": isPart ? name : false },
+      el("span.moved-name", name),
       el("span", { class: `meter wide${share < 0 ? " against" : ""}` }, fill),
-      el("span", { class: "num" }, percent(share)));
+      el("span.num", percent(share)));
     const light = (name) => () => store.tell("part", name);
     if (isPart) for (const event of ["pointerenter", "focus"]) row.addEventListener(event, light(name));
     if (isPart) for (const event of ["pointerleave", "blur"]) row.addEventListener(event, light(null));
@@ -58,11 +58,11 @@ export function shareBars(store) {
     none.hidden = !none.textContent;
     if (!found) return list.replaceChildren();
     const signed = parts.some(({ share }) => share < 0);
-    const scale = el("span", { class: "gradient" });
+    const scale = el("span.gradient");
     const colours = (signed ? [-1, 0, 1] : [0, 1]).map((x) => css(shareColour(x)));
     scale.style.background = `linear-gradient(to right, ${colours})`;
-    head.replaceChildren(el("span", {}, HEADS[found.of]),
-      el("span", { class: "num" }, signed ? "−100" : "0"), scale, el("span", { class: "num" }, "100 %"));
+    head.replaceChildren(el("span", HEADS[found.of]),
+      el("span.num", signed ? "−100" : "0"), scale, el("span.num", "100 %"));
     const focused = all(".moved-bar:focus")[0]?.dataset.part;
     list.replaceChildren(...parts.map(({ name, share }) => bar(name, share, true)),
       ...(Math.abs(found.rest) >= UNSAID ? [bar("no joint or leg", found.rest, false)] : []));
@@ -71,7 +71,7 @@ export function shareBars(store) {
   store.on("part", (name) => {
     for (const row of list.children) row.classList.toggle("lit", name !== null && row.dataset.part === name);
   });
-  return el("div", {}, head, list, none);
+  return el("div", head, list, none);
 }
 
 /** Why there are no shares. */

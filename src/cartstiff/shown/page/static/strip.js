@@ -76,7 +76,7 @@ export function strip(store) {
     title: "+ and \u2212 zoom the curves here" });
   const whole = button("whole", () => showPlot({ seen: null }),
     { class: "quiet", hidden: true, title: "The whole of the curves (double click)" });
-  const label = el("span", { class: "num small time-label" });
+  const label = el("span.num.small.time-label");
   const again = button("↻ compute", () => request(true),
     { class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed" });
   const save = dropdown("Save the plot", SAVED_AS, keep,
@@ -87,10 +87,10 @@ export function strip(store) {
   const trace = traceOf(store, () => drawWay());
   byId("show-list").append(trace.node);
   byId("strip").append(
-    el("div", { class: "row" }, el("span", { class: "dim along" }, "Along"), what, map.select, quantity, scale, again,
+    el("div.row", el("span.dim.along", "Along"), what, map.select, quantity, scale, again,
       whole, marks.worst, marks.best, label, save),
-    el("div", { class: "plots" }, plot.node, map.plot),
-    el("div", { class: "time-row" }, play, time));
+    el("div.plots", plot.node, map.plot),
+    el("div.time-row", play, time));
   const reading = tipIn(byId("strip"), "reading", [12, -30]);
 
   time.addEventListener("input", () => go(closest(time.valueAsNumber)));

@@ -115,7 +115,7 @@ export function traceOf(store, onchange) {
     if (label?.children[0]?.userData.label.text !== named.label.text) store.pane.write(named.label);
     store.pane.part(...WAY_NAME).position.set(...named.at);
   });
-  const node = el("label", { class: "check", title: "The way of M along the plot, in the colours of its values" }, box,
+  const node = el("label.check", { title: "The way of M along the plot, in the colours of its values" }, box,
     "Way along the plot");
   return { show, box, node };
 }

@@ -10,11 +10,10 @@ const DOUBLINGS = 2;
 const MOST_SPRINGS = 10;
 
 export function whatIfCard(store) {
-  const [said, list, all] = [el("span", { class: "dim small", role: "status" }), el("div", { class: "what-if" }),
-    el("p")];
+  const [said, list, all] = [el("span.dim.small", { role: "status" }), el("div.what-if"), el("p")];
   const reset = button("As in the file", () => store.change({ stiffness: null }), { class: "quiet" });
-  const card = el("details", { class: "card what-if-card", ontoggle: () => refresh() },
-    el("summary", {}, el("h2", {}, "What if?"), said), list, all,
+  const card = el("details.card.what-if-card", { ontoggle: () => refresh() },
+    el("summary", el("h2", "What if?"), said), list, all,
     hint("One spring is stiffer or softer; the others, posture and load stay. To first order."), reset);
   byId("right").append(card);
   let rows = [];
@@ -44,17 +43,16 @@ export function whatIfCard(store) {
         const same = springs.every((k, j) => k === inFile()[j]);
         store.change({ stiffness: same ? null : springs });
       } });
-    const text = el("output", { for: range.id, class: "num" });
+    const text = el("output.num", { for: range.id });
     const set = ({ here, sizes }) => {
       const times = factor(i);
       if (document.activeElement !== range) range.value = Math.log2(times);
       range.setAttribute("aria-valuetext", `${short(times, 3)} times, ${engineering(ofState(store.shown)[i], unit)}`);
       const [at, by] = isPlain(times) ? [sizes[i], sizes[i] / here - 1] : [here, here / sizes[i] - 1];
       text.replaceChildren(isPlain(times) ? "twice as stiff: " : `${short(times, 3)} × as stiff: `,
-        ...(sizes[i] === null || here === null ? ["the load is not held"] : [way(at), ", ",
-          el("b", {}, percent(by))]));
+        ...(sizes[i] === null || here === null ? ["the load is not held"] : [way(at), ", ", el("b", percent(by))]));
     };
-    return { i, set, node: el("div", {}, el("label", { for: range.id }, name), range, text) };
+    return { i, set, node: el("div", el("label", { for: range.id }, name), range, text) };
   }
 
   async function refresh() {
@@ -101,7 +99,7 @@ export function whatIfCard(store) {
     for (const one of rows) one.set(found);
     reset.disabled = !state.stiffness;
     if (state.stiffness && found.here !== null) all.replaceChildren("With these springs ",
-      el("b", {}, way(found.here)), ` instead of ${way(first)}, `, el("b", {}, percent(found.here / first - 1)));
+      el("b", way(found.here)), ` instead of ${way(first)}, `, el("b", percent(found.here / first - 1)));
   }
 
   store.on("numbers", refresh);

@@ -19,17 +19,17 @@ const LARGEST_LOAD = 2;
 
 export function whichCard(store) {
   const [most, why, take, rest] = ["most", "why", "take", "dim small"].map((name) => el("p", { class: name }));
-  const table = el("table", { class: "which" });
+  const table = el("table.which");
   const size = el("input", { type: "range", min: 0, max: LARGEST_LOAD, step: 0.01, "aria-label": "Size of the load",
     oninput: () => {
       const times = Number(size.value);
       store.change({ ...base, load: base.load.map((x) => x * times) });
     } });
-  const said = el("span", { class: "dim small", role: "status" });
-  const read = el("output", { class: "num" });
-  const card = el("details", { class: "card which-card", ontoggle: () => update() },
-    el("summary", {}, el("h2", {}, "Which connection?"), said), take,
-    el("label", { class: "row" }, el("span", {}, "load"), size, read), table, most, why, rest);
+  const said = el("span.dim.small", { role: "status" });
+  const read = el("output.num");
+  const card = el("details.card.which-card", { ontoggle: () => update() },
+    el("summary", el("h2", "Which connection?"), said), take,
+    el("label.row", el("span", "load"), size, read), table, most, why, rest);
   byId("right").append(card);
 
   // The load at which the slider is at 1: that which was given, or one to begin with.
@@ -63,8 +63,8 @@ export function whichCard(store) {
   const cellName = ({ i, j }) => `${rowsOf(isStiff())[i]} per ${columnsOf(isStiff())[j]}`;
   const cellWords = ({ i, j }) => (isStiff() ? `${WRENCH_WORDS[i]} per ${MOTION_WORDS[j]}`
     : `${MOTION_WORDS[i]} per ${WRENCH_WORDS[j]}`);
-  const called = (name) => (name.length > 1 && name !== "load" ? el("span", {}, name)
-    : el("span", {}, isStiff() ? "K" : "C", el("sup", {}, name)));
+  const called = (name) => (name.length > 1 && name !== "load" ? el("span", name)
+    : el("span", isStiff() ? "K" : "C", el("sup", name)));
   const sized = (cell) => short(100 * cell.share, 2);
 
   /** What a connection supposes of the load, in the words of the library. */
@@ -86,8 +86,8 @@ export function whichCard(store) {
     draw(names, matrices, found, seen);
     const [first] = found;
     const [a, b] = first ? [first.high, first.low] : [];
-    most.replaceChildren(...(first ? ["Largest difference: ", el("b", {}, cellWords(first)), ", ", called(a), " − ",
-      called(b), " = ", el("b", {}, engineering(first.values[a] - first.values[b], units(first.i, first.j))), ", ",
+    most.replaceChildren(...(first ? ["Largest difference: ", el("b", cellWords(first)), ", ", called(a), " − ",
+      called(b), " = ", el("b", engineering(first.values[a] - first.values[b], units(first.i, first.j))), ", ",
       el("span", { title: "of the square root of the product of the two diagonal entries beside it" },
         `${sized(first)} %`)] : [matrices.B
       ? "Without a load there is no difference: all connections have the same matrix. Move the slider."
@@ -107,7 +107,7 @@ export function whichCard(store) {
     const all = same.flatMap((name, k) => [...(k ? [" = "] : []), called(name)]);
     take.hidden = !isAny || !load;
     take.replaceChildren("Under this load take ", ...(same.length ? [] : ["none of them, but "]),
-      el("b", {}, ...(same.length ? all : [called("load")])), `: ${meaning}.`);
+      el("b", ...(same.length ? all : [called("load")])), `: ${meaning}.`);
     for (const head of table.querySelectorAll("thead th")) head.classList.toggle("taken", isAny > 0
       && same.includes(head.dataset.name));
   }
@@ -138,10 +138,9 @@ export function whichCard(store) {
       // As many digits as show the difference.
       const spread = (values[cell.high] - values[cell.low]) / factor;
       const decimals = clamp(1 - Math.floor(Math.log10(spread)), 0, MOST_DIGITS);
-      return el("tr", {}, el("th", { scope: "row", title: cellWords(cell) }, cellName(cell), " ",
-        el("span", { class: "unit" }, unit)),
+      return el("tr", el("th", { scope: "row", title: cellWords(cell) }, cellName(cell), " ", el("span.unit", unit)),
       ...names.map((name) => {
-        if (!(name in values)) return el("td", { class: "num dim" }, "–");
+        if (!(name in values)) return el("td.num.dim", "–");
         const x = apart(cell, name);
         const isMost = cell === found[0] && [cell.high, cell.low].includes(name);
         const node = el("td", { class: `num cell${isMost ? " most" : ""}`, title: `${sure(values[name],
@@ -151,9 +150,9 @@ export function whichCard(store) {
         return node;
       }));
     };
-    table.replaceChildren(el("thead", {}, el("tr", {}, el("td"), ...names.map((name) =>
-      el("th", { scope: "col", "data-name": name }, el("b", {}, called(name)), square(name))))),
-    el("tbody", {}, ...seen.map(row)));
+    table.replaceChildren(el("thead", el("tr", el("td"), ...names.map((name) =>
+      el("th", { scope: "col", "data-name": name }, el("b", called(name)), square(name))))),
+    el("tbody", ...seen.map(row)));
   }
 
   store.on("numbers", update);
