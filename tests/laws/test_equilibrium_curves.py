@@ -38,10 +38,14 @@ HALF, HEIGHT, STIFFNESS = 1.0, 0.3, 50.0
 REST = float(np.hypot(HALF, HEIGHT))
 
 
-def truss() -> ElasticMechanism:
-    """Two springs from the ground to a slider between them: snaps through under its load."""
-    model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "slider")
+def truss(held: int = 0) -> ElasticMechanism:
+    """Two springs from the ground to a slider between them: snaps through under its load.
+
+    Below it are sliders that springs hold.
+    """
+    model, joint = pin.Model(), 0
+    for i in range(held + 1):
+        joint = model.addJoint(joint, pin.JointModelPZ(), pin.SE3.Identity(), f"slider{i}")
     model.addFrame(pin.Frame("top", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     lines = LineSprings(
         anchors=np.array([[-HALF, 0.0, 0.0], [HALF, 0.0, 0.0]]),
@@ -49,9 +53,9 @@ def truss() -> ElasticMechanism:
         stiffness=np.full(2, STIFFNESS),
         rest_length=np.full(2, REST),
     )
-    return ElasticMechanism(
-        "truss", Chain(plain_tree(model), "top"), np.array([HEIGHT]), potentials=(lines,)
-    )
+    springs = [JointSprings(np.append(np.full(held, 100.0), 0.0), np.zeros(1 + held))]
+    q, terms = np.append(np.zeros(held), HEIGHT), (lines, *springs[:held])
+    return ElasticMechanism("truss", Chain(plain_tree(model), "top"), q, potentials=terms)
 
 
 def column(n: int, imperfection: float = 0.0) -> ElasticMechanism:
@@ -79,6 +83,15 @@ def test_the_curve_passes_the_limit_points_of_a_truss():
     assert curve.factors[-1] == pytest.approx(2.0, abs=1e-13)
 
 
+def test_limit_points_are_passed_with_steps_as_long_as_the_others():
+    """A second slider that a spring holds stays at zero: the curve's points are the truss's."""
+    load = DeadForce([0.0, 0.0, -1.0])
+    one, two = load_curve(truss(), load, to=2.0), load_curve(truss(held=1), load, to=2.0)
+    assert two.q[:, 0] == pytest.approx(0.0, abs=1e-12)
+    assert two.q[:, 1] == pytest.approx(one.q[:, 0], abs=1e-9)
+    assert two.factors == pytest.approx(one.factors, abs=1e-9)
+
+
 def test_snapping_through_under_more_than_the_limit_load():
     state = equilibrium(truss(), DeadForce([0.0, 0.0, -1.2 * 2.0]))
     assert state.stable
@@ -86,8 +99,10 @@ def test_snapping_through_under_more_than_the_limit_load():
     assert truss_load(state.q[0]) == pytest.approx(2.4, rel=1e-10)
 
 
-def test_the_branch_of_one_link_is_the_exact_one():
-    curve = load_curve(column(1), DeadForce([-1.0, 0.0, 0.0]), to=2.0)
+@pytest.mark.parametrize("resolution", [0.05, 3.0])
+def test_the_branch_of_one_link_is_the_exact_one(resolution):
+    """From a first step of 3 rad Newton's method does not return to the branch, from half of it."""
+    curve = load_curve(column(1), DeadForce([-1.0, 0.0, 0.0]), to=2.0, resolution=resolution)
     assert [c.factor for c in curve.critical] == pytest.approx([1.0], abs=1e-8)
     for direction in (1, -1):
         bent = curve.branch(0, direction)

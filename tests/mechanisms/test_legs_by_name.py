@@ -436,6 +436,29 @@ def test_stiffness_is_that_of_the_energy(name, loaded):
         assert np.abs(plain - C).max() > 1e-5 * np.abs(C).max()
 
 
+def test_cylindrical_struts_turn_along_with_the_body():
+    """The legs of a hexapod of UCU pull as those of UPS do: k times the squares of their lines."""
+    k, base, platform = 1e6, *(r * _pairs(t) for r, t in ((0.5, 0.2), (0.3, 0.8)))
+    legs = {"chain": "UCU", "stiffness": k, "base": {"points": base.tolist()}}
+    machine = cartstiff.parallel(
+        legs | {"platform": {"points": platform.tolist()}}, [0, 0, 0.6, 0, 0, 0]
+    )
+    x = [0.03, -0.02, 0.65, 0.2, -0.1, 0.3]
+    q, _ = cartstiff.at_pose(machine, x)
+    R = Rotation.from_euler("xyz", x[3:]).as_matrix()
+    along = (platform @ R.T + x[:3] - base) @ R
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    lines = np.hstack([np.cross(platform, along), along])
+    rest = machine.with_springs(rest=q)
+    assert cartstiff.analyse(rest, q).B.matrix == pytest.approx(k * lines.T @ lines, abs=1e-3)
+
+
+def _pairs(half):
+    """Points (6, 3) on a circle of radius 1, in pairs."""
+    angles = (np.arange(3)[:, None] * 2 * np.pi / 3 + [-half, half]).ravel()
+    return np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+
+
 def test_a_machine_with_axes_of_its_own_takes_a_pose():
     """From the straight posture to another that the body can take."""
     _, p, _ = exechon()([mp.mpf(0)] * 3)

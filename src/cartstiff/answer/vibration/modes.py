@@ -423,7 +423,7 @@ class Modes(Result, LabelledResult):
     # -----------------------------------------------------------------------------
 
     @cached_property
-    def _momentum(self) -> tuple[Array, float, Array] | None:
+    def _momentum(self) -> tuple[Array, float] | None:
         return self.posture.momentum()
 
     @cached_property
@@ -435,7 +435,7 @@ class Modes(Result, LabelledResult):
         """
         if self._momentum is None or self.spectrum.is_complex:
             return None
-        A = self._momentum[0][3:]
+        A = self._momentum[0]
         if self.spectrum.left is self.spectrum.vectors:
             return fixed((A @ self.shapes).T ** 2)
         left = self.basis @ self.spectrum.left

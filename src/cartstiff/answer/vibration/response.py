@@ -379,7 +379,7 @@ def transmissibility(
     momentum = modes._momentum
     if momentum is None:
         raise UndefinedError("the mechanism does not give its momentum", code="no-mass")
-    A = momentum[0][3:] @ modes.basis * modes.elastic.units.kilogram
+    A = momentum[0] @ modes.basis * modes.elastic.units.kilogram
     out = modes.posture.pose[:3, :3] @ motion_at(modes, point)[3:]
     moved = transfer(modes, hertz, damping, out, A.T)
     T = np.eye(3) + (2 * np.pi * hertz)[:, None, None] ** 2 * moved

@@ -218,10 +218,8 @@ class ChainPosture(MechanismPosture):
         """Mass matrix (n, n)."""
         return self._state.mass_matrix()
 
-    def momentum(self) -> tuple[Array, float, Array]:
-        """Momentum (6, n) per coordinate rate, the moving mass [kg], and its centre,
-        in F.
-        """
+    def momentum(self) -> tuple[Array, float]:
+        """Linear momentum (3, n) in F per coordinate rate, and the moving mass [kg]."""
         return self._state.momentum()
 
     @cached_property

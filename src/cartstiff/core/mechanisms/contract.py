@@ -138,11 +138,9 @@ class MechanismPosture(ABC):
         """
         return None
 
-    def momentum(self) -> tuple[Array, float, Array] | None:
-        """Momentum (6, n) per coordinate rate, the moving mass [kg], and its centre (3,);
-        or None.
-
-        Moment of momentum about the origin of F, then momentum, along the axes of F.
+    def momentum(self) -> tuple[Array, float] | None:
+        """Linear momentum (3, n) along the axes of F per coordinate rate, in kg and the
+        unit of length, and the moving mass [kg]; or None.
         """
         return None
 

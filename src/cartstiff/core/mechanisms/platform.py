@@ -127,28 +127,20 @@ class Struts:
         """Mass [kg] of all legs."""
         return float(self.fixed.sum() + self.moving.sum())
 
-    @property
-    def turning_moments(self) -> tuple[Array, Array]:
-        """Moments of inertia (m,) of the bars about their own centres,
-        across the line.
-        """
-        about = [
-            mass * (com * com / 3 + self.radius**2 / 4)
-            for mass, com in (
-                (self.fixed, self.fixed_com),
-                (self.moving, self.moving_com),
-            )
-        ]
-        return about[0], about[1]
-
     def mass_matrix(self, lines: LineGeometry, points: Array) -> Array:
         """Return their part (..., 6, 6) of the platform's mass matrix, on body twists."""
         per = 1.0 / lines.lengths
         beyond = 1.0 - self.moving_com * per
         across = self.moving * (beyond * beyond)
-        across = across + (self.fixed * self.fixed_com**2 + sum(self.turning_moments)) * (
-            per * per
+        # Moments of inertia of both bars, each about its own centre.
+        turning = sum(
+            mass * (com * com / 3 + self.radius**2 / 4)
+            for mass, com in (
+                (self.fixed, self.fixed_com),
+                (self.moving, self.moving_com),
+            )
         )
+        across = across + (self.fixed * self.fixed_com**2 + turning) * (per * per)
         D = np.array([_velocity(point) for point in points])
         along = (lines.lines * (self.moving - across)[..., None]).swapaxes(
             -1, -2
@@ -157,43 +149,16 @@ class Struts:
         return total
 
     def momentum(self, lines: LineGeometry, points: Array, pose: Array) -> Array:
-        """Momentum (moment about F's origin, linear.
-
-        Axes of F) per body twist, (6, 6).
-        """
+        """Linear momentum (3, 6) in F per body twist."""
         R = pose[:3, :3]
-        total = np.zeros((6, 6))
-        fixed, moving = self._centres(lines, points, pose)
-        near, far = self.turning_moments
+        # Centres beside a joint move along with the direction of the line only.
+        beside = self.fixed * self.fixed_com - self.moving * self.moving_com
+        total = np.zeros((3, 6))
         for k, point in enumerate(points):
-            u = R @ lines.directions[k]
-            v = R @ _velocity(point)
-            turn = (v - np.outer(u, u @ v)) / lines.lengths[k]  # of the line's direction
-            spin = se3.skew(u) @ turn
-            for mass, J, at, velocity in (
-                (self.fixed[k], near[k], fixed[k], self.fixed_com[k] * turn),
-                (self.moving[k], far[k], moving[k], v - self.moving_com[k] * turn),
-            ):
-                total[:3] += mass * se3.skew(at) @ velocity + J * spin
-                total[3:] += mass * velocity
+            u, velocity = lines.directions[k], _velocity(point)
+            turn = (velocity - np.outer(u, u @ velocity)) / lines.lengths[k]
+            total += R @ (self.moving[k] * velocity + beside[k] * turn)
         return total
-
-    def _centres(
-        self, lines: LineGeometry, points: Array, pose: Array
-    ) -> tuple[Array, Array]:
-        """Mass centres (m, 3) in F of the bars on the base's and the
-        platform's joints.
-        """
-        u, b = lines.directions @ pose[:3, :3].T, points @ pose[:3, :3].T + pose[:3, 3]
-        fixed = b + (self.fixed_com - lines.lengths)[:, None] * u
-        return fixed, b - self.moving_com[:, None] * u
-
-    def centre(
-        self, lines: LineGeometry, points: Array, pose: Array
-    ) -> tuple[float, Array]:
-        """Return the mass of the legs and the sum (3,) of mass times position in F."""
-        fixed, moving = self._centres(lines, points, pose)
-        return self.mass, self.fixed @ fixed + self.moving @ moving
 
     def gravity(
         self, lines: LineGeometry, points: Array, pose: Array, weight: Array
@@ -341,18 +306,14 @@ class PlatformPosture(MechanismPosture):
             self.lines, platform.points
         )
 
-    def momentum(self) -> tuple[Array, float, Array]:
-        """Momentum per body twist, total mass, and its centre, in F."""
+    def momentum(self) -> tuple[Array, float]:
+        """Linear momentum (3, 6) in F per body twist, and the mass of body and legs."""
         platform, mass = self._platform, self._platform.mass
-        carried = se3.adjoint_of_inverse(self.pose).T @ platform.body_inertia
-        first = mass * (self.pose[:3, :3] @ platform.mass_centre + self.pose[:3, 3])
-        if platform.struts is not None:
-            carried = carried + platform.struts.momentum(
-                self.lines, platform.points, self.pose
-            )
-            more, of_legs = platform.struts.centre(self.lines, platform.points, self.pose)
-            mass, first = mass + more, first + of_legs
-        return carried, mass, first / mass if mass > 0.0 else np.zeros(3)
+        carried = self.pose[:3, :3] @ platform.body_inertia[3:]
+        if platform.struts is None:
+            return carried, mass
+        of_legs = platform.struts.momentum(self.lines, platform.points, self.pose)
+        return carried + of_legs, mass + platform.struts.mass
 
     @cached_property
     def lines(self) -> LineGeometry:  # type: ignore[override]

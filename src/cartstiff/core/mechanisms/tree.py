@@ -449,19 +449,15 @@ class TreeState:
         full = self.tree.mass_matrix(self.q)
         return full if (M := self.tree.mimic) is None else np.asarray(M.T @ full @ M)
 
-    def momentum(self) -> tuple[Array, float, Array]:
-        """Momentum (6, n) about F's origin per coordinate rate, mass of the tree,
-        its centre.
-        """
+    def momentum(self) -> tuple[Array, float]:
+        """Linear momentum (3, n) in F per coordinate rate, and the mass of the tree."""
         model = self.tree.model
         with self.tree.workspace() as data:
             pin.ccrba(model, data, self.q, np.zeros(model.nv))
-            about_centre = np.asarray(data.Ag)[SWAP].reshape(6, -1)
-            centre = np.array(data.com[0])
+            # Pinocchio's first rows are linear.
+            full = np.asarray(data.Ag)[:3].reshape(3, -1).copy()
         mass = float(self.tree.masses()[0].sum())
-        full = about_centre.copy()
-        full[:3] += se3.skew(centre) @ about_centre[3:]
-        return (full if (M := self.tree.mimic) is None else full @ M), mass, centre
+        return (full if (M := self.tree.mimic) is None else full @ M), mass
 
 
 def _bracket_curvature(

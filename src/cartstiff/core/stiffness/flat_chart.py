@@ -147,20 +147,3 @@ def flat_connection(
     return Connection(
         "F", symbols, "Hessian in the joint coordinates", left_invariant=False, _flat=True
     )
-
-
-def pose_by_chart(
-    posture: MechanismPosture, flat: FlatChart, natural: Array
-) -> Array | None:
-    """Twists of the body per rate of the chart's coordinates (6, 6).
-
-    None where it has none.
-    """
-    chart = posture.chart()
-    if isinstance(chart, str):
-        return None
-    if flat.to_chart is None:  # else it has been seen to be regular
-        values = numerics.singular_values(chart.jacobian * natural)
-        if not values[-1] > numerics.RANK * values[0]:
-            return None
-    return np.linalg.inv(chart.jacobian)

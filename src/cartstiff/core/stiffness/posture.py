@@ -51,7 +51,6 @@ from cartstiff.core.stiffness.flat_chart import (
     FlatChart,
     flat_chart,
     flat_connection,
-    pose_by_chart,
 )
 from cartstiff.core.stiffness.forces import DriveForce, forces_of, rigid_torques
 from cartstiff.core.stiffness.reduction import Reduction
@@ -775,8 +774,8 @@ class PostureStiffness(LabelledResult):
         """
         if not self.posture.coordinates_are_pose:
             return fixed(self.posture.motion.jacobian)
-        J = pose_by_chart(self.posture, self._flat, self._natural)
-        return None if J is None else fixed(J)
+        to_chart = self._flat.to_chart
+        return None if to_chart is None else fixed(np.linalg.inv(to_chart))
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
