@@ -13,10 +13,6 @@ from importlib import import_module
 
 HOMES = {
     "": "version",
-    "answer.analysis": """
-        asymmetry centres congruence deflection ellipsoids indices matrices metrics
-        posture screws tolerances
-    """,
     "answer.analysis.matrices": """
         Definiteness loss_of_elimination stiffnesses_of_motions with_angles_times
     """,
@@ -28,7 +24,7 @@ HOMES = {
     "answer.posture": "answer_at parts_of_links",
     "answer.verdict": "RULES decide",
     "answer.vibration.sensitivities": "MATRICES",
-    "core.arrays": "arrays_Array=Array safe_cell",
+    "core.arrays": "safe_cell",
     "core.described": "SIGNS",
     "core.geometry.se3": "adjoint exp log right_jacobian se3_inverse=inverse",
     "core.mechanisms": "chain tree",
@@ -37,14 +33,13 @@ HOMES = {
     "core.stiffness": "compute motions posture_notes reduction",
     "core.stiffness.motions": "Problem _inverse motions_motions=motions",
     "files": """
-        bare catalogue joints leg_schema loading_tables=tables mesh_worker meshes passes
-        platform_schema readers ros schema urdf visuals xacro_worker yaml_file
+        bare catalogue joints loading_tables=tables mesh_worker meshes passes readers
+        urdf xacro_worker yaml_file
     """,
     "files.assembly": "Assembly Part",
     "files.catalogue": "example_robot example_robots",
     "files.child_process": "answer_of",
     "files.description": "Lifted Obstacle",
-    "files.expressions": "Expression",
     "files.flexible_links": "VIRTUAL",
     "files.frames": "default_frame",
     "files.identity": "_PARTS identity_of",
@@ -55,9 +50,6 @@ HOMES = {
     "files.mjcf": "reading worker",
     "files.passes": "ASSUMED_STIFFNESS",
     "files.platform_schema": "PlatformFile",
-    "files.published": "published_springs",
-    "files.ros": "Ros",
-    "files.ros_packages": "package_folders search_path",
     "files.schema": "ClosedChainFile SerialFile",
     "files.struts.mounted_struts": "MountedStruts",
     "files.tables": "head_of read_rows",
@@ -122,7 +114,6 @@ HOMES = {
         slider_ranges swept_range
     """,
     "shown.page.source": "Cloud Playback Source cloud_of_workspace read_cloud read_trajectory",
-    "shown.report": "analysis",
     "shown.report.analysis": "describe describe_equilibrium summary_text",
     "shown.report.answer": "answer_text",
     "shown.report.frames": "describe_frames frames_of",
@@ -136,7 +127,7 @@ HOMES = {
     "shown.scene": "objects theme",
     "shown.scene.environment": "scene_units",
     "shown.scene.labels": "text_png",
-    "shown.scene.mechanism": "ChainPicture extent",
+    "shown.scene.mechanism": "extent",
     "shown.scene.objects": "rotation_to segment",
     "shown.scene.points": "colours_of",
     "shown.scene.scales": "Tension round_number",
@@ -146,7 +137,7 @@ HOMES = {
     "wings.identify.answer": "answer_of_identification",
     "wings.identify.fitting": "linear_fit rates_by_step",
     "wings.identify.identification": "with_result written_values",
-    "wings.identify.measurements": "DISPLACEMENT measurements_ROTATION=ROTATION table_text",
+    "wings.identify.measurements": "table_text",
     "wings.identify.models": "LoadedModel Model model_of",
     "wings.identify.plan": "information plan_plan=plan",
     "wings.identify.written_file": "_put_joints _yaml keys_to_write mechanism_file",
@@ -159,7 +150,7 @@ HOMES = {
     "wings.maps.run": "map_job packed part_elsewhere planned prepare_map run_map",
     "wings.maps.sampling": "chunk_shape usual_chunk",
     "wings.maps.store": "CHECKSUM MapFile",
-    "wings.reach": "platform_assembly assembly",
+    "wings.reach": "assembly platform_assembly",
     "wings.reach.answer": "answer_of_workspace",
     "wings.reach.architecture": "architecture_of orientation_rank",
     "wings.reach.platform_assembly": "poses_of_lengths",

@@ -6,12 +6,13 @@ import zipfile
 import zlib
 
 import pytest
-from tests.inner import ChainPicture, read_meshes, theme
-from tests.support import read_mesh
 from tests.support.memory import megabytes_of_children
+from tests.support.robots import read_all_meshes, read_mesh
+from tests.view.viewer import visualizer
 
 import cartstiff
 from cartstiff import InputError
+from cartstiff.scene import RecordingWindow, Scene
 
 READS_MESHES = """
 from pathlib import Path
@@ -88,7 +89,7 @@ def bad(tmp_path_factory):
 def test_each_bad_mesh_is_refused_by_name_and_none_spoils_another(bad, tmp_path):
     good = tmp_path / "good.obj"
     good.write_text(TRIANGLE)
-    read = read_meshes([*bad, good])
+    read = read_all_meshes([*bad, good])
     assert read[good].positions.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
     for path, words in bad.items():
         error = read[path]
@@ -143,19 +144,6 @@ def robot(folder, meshes, more=""):
     return file
 
 
-class Drawn:
-    """A node of a picture that keeps nothing."""
-
-    path = "x"
-
-    def __getitem__(self, name):
-        return self
-
-    def set_object(self, drawn): ...
-
-    def set_transform(self, T): ...
-
-
 @pytest.fixture(scope="module")
 def shapes(tmp_path_factory):
     """A folder with a good mesh, read once, and bad ones."""
@@ -185,7 +173,8 @@ def shapes(tmp_path_factory):
 )
 def test_a_bad_shape_is_a_note_and_a_placeholder(shapes, shape):
     arm = cartstiff.load(robot(shapes, ["<mesh filename='good.obj'/>", shape]))
-    picture = ChainPicture(Drawn(), arm, 1.0, theme.LIGHT)
+    picture = Scene(visualizer(RecordingWindow()), arm)
+    picture.draw(cartstiff.analyse(arm))
     assert picture.notes[0].startswith(("link b: ", "no picture of"))
     assert "sticks between the joints" in picture.notes[-1]
     assert cartstiff.analyse(arm).wrench.tolist() == [0.0] * 6

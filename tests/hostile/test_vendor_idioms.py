@@ -4,7 +4,8 @@ import math
 
 import pytest
 from tests.doors import read_robot_description
-from tests.inner import Ros
+
+import cartstiff
 
 pytest.importorskip("xacro")
 
@@ -90,10 +91,8 @@ def test_a_makers_file(package):
 
 
 def test_arguments_change_it(package):
-    model = read_robot_description(
-        package, ros=Ros(arguments={"prefix": "", "tool": "false", "kind": "small"})
-    ).model
-    assert list(model.names) == ["universe", "shoulder"]
+    arguments = {"prefix": "", "tool": "false", "kind": "small"}
+    assert cartstiff.load(package, xacro_args=arguments).names == ("shoulder",)
 
 
 EXPRESSIONS = [

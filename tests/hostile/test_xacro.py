@@ -8,13 +8,12 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from tests.doors import read_robot_description
-from tests.inner import Ros, ros
+from tests.doors import PACKAGE, read_robot_description
 from tests.support.memory import megabytes_of_children
 
+import cartstiff
 from cartstiff import InputError
 
 pytest.importorskip("xacro")
@@ -42,9 +41,9 @@ def place(tmp_path, monkeypatch):
     return folder
 
 
-def names_of(file, ros=None):
+def names_of(file):
     """Names in the robot that a file describes."""
-    return [frame.name for frame in read_robot_description(file, ros=ros).model.frames]
+    return [frame.name for frame in read_robot_description(file).model.frames]
 
 
 def written(folder, body, name="x", ending="xacro"):
@@ -53,11 +52,11 @@ def written(folder, body, name="x", ending="xacro"):
     return file
 
 
-def refused(file, ros=None):
+def refused(file):
     """The line that refuses a file."""
     marker = file.parent.parent / "marker"
     with pytest.raises(InputError) as caught:
-        names_of(file, ros)
+        names_of(file)
     assert not marker.exists()
     words = str(caught.value)
     assert SECRET not in words
@@ -186,7 +185,7 @@ def evaluated(place, expressions):
             sys.executable,
             "-c",
             EVALUATE,
-            str(Path(ros.__file__).with_name("xacro_worker.py")),
+            str(PACKAGE / "files/xacro_worker.py"),
             "/x",
         ],
         input=json.dumps([e.replace("MARKER", str(marker)) for e in expressions]),
@@ -447,7 +446,8 @@ def test_a_property_named_like_a_function_is_no_function(place):
 def test_arguments_of_the_user_are_data(place):
     file = written(place, '<xacro:arg name="n" default="x"/>', "$(arg n)")
     arguments = {"n": "${1 + 1}"}
-    assert names_of(file, Ros(arguments=arguments))[-1] == "${1 + 1}"
+    arm = cartstiff.load(file, xacro_args=arguments)
+    assert arm.mechanism.frame == "${1 + 1}"
 
 
 def test_a_file_beside_the_script_replaces_no_module_of_python(place, monkeypatch):

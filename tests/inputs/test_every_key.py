@@ -1,6 +1,6 @@
 """Every key of the mechanism file acts: another value gives another result, or is refused.
 
-The keys are those of the models in `cartstiff.files.loading`; one without a case here fails.
+The keys are those of `cartstiff.extend.file_schema()`; one without a case here fails.
 """
 
 import copy
@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from tests.inner import leg_schema, platform_schema, schema
 from tests.mechanisms.machines import joint, masses, write_file, write_urdf
 
 import cartstiff
 from cartstiff import InputError
+from cartstiff.extend import file_schema
 
 #: Keys for people who read the file; their descriptions say so.
 FOR_READERS = {"description", "source", "date", "rows"}
@@ -141,19 +141,9 @@ CASES = _cases() | {
 }
 
 
-def keys():
-    """All keys of all models that stand in mechanism files, as Model.key.
-
-    Sections of a study have the same base class, but stand in files of their own.
-    """
-    models = [schema.FileModel]
-    found = []
-    while models:
-        model = models.pop()
-        models += model.__subclasses__()
-        if not model.__subclasses__() and model.__module__.startswith("cartstiff.files."):
-            found += [f"{model.__name__}.{key}" for key in model.model_fields]
-    return sorted(set(found))
+#: Sections of mechanism files by their keys, as any editor has them.
+SECTIONS = {name: model["properties"] for name, model in file_schema()["$defs"].items()}
+KEYS = sorted(f"{name}.{key}" for name, keys in SECTIONS.items() for key in keys)
 
 
 def write_robots(folder):
@@ -228,13 +218,11 @@ def robots(tmp_path_factory):
     return folder, {}
 
 
-@pytest.mark.parametrize("key", keys())
+@pytest.mark.parametrize("key", KEYS)
 def test_every_key_acts(key, robots):
     model, _, name = key.partition(".")
     if name in FOR_READERS:
-        home = next(m for m in (schema, platform_schema, leg_schema) if hasattr(m, model))
-        field = getattr(home, model).model_fields[name]
-        assert "for readers" in str(field.description)
+        assert "for readers" in SECTIONS[model][name]["description"]
         return
     file, path, value, more = CASES[key]
     folder, known = robots
@@ -252,7 +240,7 @@ def test_every_key_acts(key, robots):
 
 
 def test_no_case_is_left_over():
-    assert set(CASES) <= set(keys())
+    assert set(CASES) <= set(KEYS)
 
 
 def test_base_of_a_serial_arm(tmp_path):

@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
-from tests.inner import OUTPUTS
 
 import cartstiff
 from cartstiff import InputError, analyse_many
 from cartstiff.core.errors import UnknownNameError
 
+with pytest.raises(UnknownNameError) as named:
+    analyse_many(cartstiff.load("stewart-gough"), [[0.0] * 6], outputs=("everything",))
+#: Everything that may be asked for, as the refusal of another name lists it.
+OUTPUTS = named.value.valid
 PATHS = ("engine", "portable", "compiled")
 
 

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from tests.inner import prepare_map
 from tests.mechanisms.machines import joint, write_urdf
 from tests.support.commands import run
 
 import cartstiff
 from cartstiff import InputError, commanded
-from cartstiff.maps import Grid
+from cartstiff.maps import Grid, compute_map
 
 TOO_LARGE = {
     "q of a platform": lambda: cartstiff.analyse(cartstiff.load("stewart-gough"), [1e300] * 6),
@@ -61,7 +60,7 @@ def test_what_no_quantity_of_a_map_needs_is_refused(tmp_path, asked, words):
     elastic = cartstiff.load("ur5")
     grid = Grid({"elbow_joint": (0.5, 1.0, 3)}, elastic.names, elastic.q)
     with pytest.raises(InputError, match=words):
-        prepare_map(elastic, grid, ["condition"], tmp_path / "m.zarr", **asked)
+        compute_map(elastic, grid, ["condition"], tmp_path / "m.zarr", **asked)
 
 
 def test_sensitivities_of_what_does_not_exist_are_no_table_of_nan(tmp_path):

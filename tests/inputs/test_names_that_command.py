@@ -6,10 +6,12 @@ import re
 import unicodedata
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.doors import printable
-from tests.inner import Answer
+from tests.support import serial_model
 from tests.support.commands import answer, outcome
+from tests.support.pages import source_of, tab_of
 
 import cartstiff
 from cartstiff import DeadForce
@@ -112,8 +114,6 @@ def test_json_holds_the_names_themselves(arm):
 
 
 def test_tables_and_pictures(arm):
-    from tests.inner import save_figure
-
     from cartstiff import load_curve
 
     elastic = cartstiff.load(arm)
@@ -121,14 +121,21 @@ def test_tables_and_pictures(arm):
     assert harmless(curve.to_csv())
     assert r"j\u202e1\x9b31m" in curve.to_csv().splitlines()[0]
     for ending in ("svg", "png", "pdf"):  # a name is no formula either
-        save_figure(curve.plot(), f"curve.{ending}")
+        code, _, line = outcome(
+            f"equilibrium {arm} --load 0,0,0,0,0,-1 --curve 1 -o curve.{ending}"
+        )
+        assert code == 0, line
     assert harmless(Path("curve.svg").read_text(encoding="utf-8"))
 
 
 def test_the_page_is_told_escapes():
-    data = {"a": [JOINT, "\x7f", "\\u202e", "\\", "🦾", '"', "é\n", "\\\u202e"]}
-    packed = Answer(data).pack()[4:]
-    told = json.loads(packed)["a"]
+    names = [JOINT, "\x7f", "\\u202e", "\\", "🦾", '"', "é\n", "\\\u202e"]
+    model = serial_model(len(names) * "R", np.random.default_rng(0))
+    for i, name in enumerate(names, 1):
+        model.names[i] = name
+    packed = tab_of(source_of(cartstiff.load(model, frame="tip"))).hello(1).pack()
+    text = json.loads(packed[4 : 4 + int.from_bytes(packed[:4], "big")])
+    told = [one["name"] for one in text["mechanism"]["coordinates"]]
     assert told == [printable(JOINT), r"\x7f", "\\u202e", "\\", "🦾", '"', "é\n", "\\\\u202e"]
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.inner import catalogue, package_folders, ros, search_path, visuals
+from tests.support.robots import example_robot, example_robots, visuals_of
 
 import cartstiff
 from cartstiff import InputError
@@ -62,7 +62,7 @@ def test_a_xacro_file_loads_in_one_line(workspace):
     assert reach(short) == 0.6
     assert short.mechanism.tree.coordinates[0].lower == pytest.approx(np.radians(-170))
     assert reach(cartstiff.load(file, xacro_args={"kind": "long"})) == 1.8
-    shown, missing = visuals.visuals_of(short.mechanism)
+    shown, missing = visuals_of(short.mechanism)
     assert missing == []
     assert {v.shape.path.name for v in shown} == {"rod.stl"}
 
@@ -93,9 +93,14 @@ def test_packages_are_found_where_ros_has_them(workspace, tmp_path, monkeypatch)
     share.mkdir(parents=True)
     (share / "arm_description").symlink_to(workspace / "src/arm-repository")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(share.parent))
-    found = package_folders("arm_description", file, search_path())
-    assert list(found) == [share / "arm_description"]
-    assert not list(package_folders("../arm_description", file, search_path()))
+    assert reach(cartstiff.load(file)) == 0.6
+    (share / "arm_description").unlink()
+    with pytest.raises(InputError, match="package 'arm_description' is not found"):
+        cartstiff.load(file)
+    (tmp_path / "install" / "arm_description").symlink_to(workspace / "src/arm-repository")
+    file.write_text(text.replace("find arm_description", "find ../arm_description"))
+    with pytest.raises(InputError, match=r"'../arm_description'"):
+        cartstiff.load(file)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +174,7 @@ def test_the_own_package_counts_and_a_second_one_is_named(workspace, tmp_path):
 
 
 def test_without_xacro_one_line_says_what_to_install(workspace, monkeypatch):
-    monkeypatch.setattr(ros.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingDependencyError, match=r"pip install 'cartstiff\[xacro\]'"):
         cartstiff.load(workspace / "src/arm-repository/urdf/arm.urdf.xacro")
 
@@ -219,9 +224,6 @@ def descriptions(tmp_path, monkeypatch, workspace):
     (cache / "arm").symlink_to(workspace / "src/arm-repository")
     monkeypatch.setenv("ROBOT_DESCRIPTIONS_CACHE", str(cache))
     monkeypatch.syspath_prepend(str(package.parent))
-    ros._has_descriptions.cache_clear()
-    yield
-    ros._has_descriptions.cache_clear()
 
 
 @pytest.mark.usefixtures("descriptions")
@@ -235,14 +237,14 @@ def test_names_of_robot_descriptions():
 
 
 def test_without_robot_descriptions(monkeypatch):
-    monkeypatch.setattr(ros, "_has_descriptions", lambda: False)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingDependencyError, match="robot_descriptions"):
         cartstiff.load("arm_description")
 
 
-@pytest.mark.skipif(not catalogue.example_robots(), reason="needs example-robot-data")
+@pytest.mark.skipif(not example_robots(), reason="needs example-robot-data")
 def test_xml_text_is_the_file():
-    path = catalogue.example_robot("ur5")
+    path = example_robot("ur5")
     text = cartstiff.load(path.read_text(), frame="tool0")
     file = cartstiff.load(path, frame="tool0")
     assert np.array_equal(

@@ -10,8 +10,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from tests.inner import read_meshes
-from tests.support import read_mesh
+from tests.support.robots import read_all_meshes, read_mesh
 
 import cartstiff
 from cartstiff import InputError
@@ -124,58 +123,6 @@ def test_as_many_hinges_as_may_be_take_little(tmp_path):
     assert int(done.stdout) < 600
 
 
-def test_the_limits_are_those_of_the_reference():
-    from tests.inner import (
-        chain,
-        described,
-        mesh_worker,
-        meshes,
-        messages,
-        readers,
-        sampling,
-        tree,
-        urdf,
-        xacro_worker,
-        yaml_file,
-    )
-    from tests.inner import loading_tables as tables
-    from tests.inner import map as map_request
-    from tests.inner import problem as effort
-    from tests.inner import reading as mjcf_data
-    from tests.inner import tables as target_file
-    from tests.inner import worker as mjcf_worker
-
-    table = (Path(__file__).parents[2] / "docs/reference/limits.md").read_text(encoding="utf-8")
-    assert yaml_file.LARGEST == tables.LARGEST == target_file._LARGEST == 1024**2
-    assert mjcf_worker._MEGABYTES == 2048
-    shown = {
-        "1 GiB": map_request._LARGEST_FILE / 1024**3,
-        "64 MiB": meshes._LARGEST / 1024**2,
-        "64 MiB |": readers._MAX_BYTES / 1024**2,
-        "40 000": yaml_file.MOST_VALUES,
-        "| 200 |": tree.MOST_COORDINATES,
-        "of which 200 move": urdf.MOST_MOVING,
-        "2000, of": urdf._MAX_JOINTS,
-        "| 100 |": chain._MOST_CLOSURES,
-        "| 5000;": mjcf_data.LARGEST["nbody"],
-        "5000; 20 000": mjcf_data.LARGEST["nsite"],
-        "20 000;": mjcf_data.LARGEST["ngeom"],
-        "1000 |": mjcf_data.LARGEST["nkey"],
-        "8 s": mjcf_worker._SECONDS,
-        "6 s": xacro_worker._SECONDS,
-        "150 000": effort._MAX_SEARCH_COST,
-        "at least 300 |": effort._MIN_POSTURES,
-        "2 000 000": mesh_worker.MOST_CORNERS / 3,
-        "10 000 000": sampling._MAX_AXIS_VALUES,
-        "100 000": described.MAX_PARTS,
-        "64 KiB": messages.LARGEST_MESSAGE / 1024,
-    }
-    for words, value in shown.items():
-        assert words in table
-        digits = "".join(c for c in words if c.isdigit())
-        assert str(int(value)) in digits or digits.startswith(str(int(value))), words
-
-
 def _meshes(folder):
     found = {
         "m.off": b"OFF\n1000000000 1 0\n0 0 0\n",
@@ -197,7 +144,7 @@ def test_a_mesh_is_bounded_by_its_file(tmp_path):
     before = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (16 * ROOM, before[1]))
     try:
-        read = read_meshes(_meshes(tmp_path))
+        read = read_all_meshes(_meshes(tmp_path))
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)
     assert len(read) == 8
@@ -218,4 +165,4 @@ def test_plain_meshes_are_read(tmp_path):
     paths = [tmp_path / f"box.{ending}" for ending in ("stl", "obj", "ply", "off")]
     for path in paths:
         trimesh.creation.box((1, 2, 3)).export(path)
-    assert [len(mesh.faces) for mesh in read_meshes(paths).values()] == [12] * 4
+    assert [len(mesh.faces) for mesh in read_all_meshes(paths).values()] == [12] * 4

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from tests.inner import head_of
 from tests.support.commands import answer
 
 import cartstiff
@@ -65,13 +64,6 @@ def test_legs_and_flexures_in_a_file_of_millimetres(tmp_path):
     path.write_text(HEXAPOD % (strut % (20, math.pi / 180 * 33 * 180 / math.pi, upper)))
     np.testing.assert_allclose(given.stiffness, cartstiff.load(path).springs.stiffness)
     assert given.lower.bending == pytest.approx(cartstiff.load(path).springs.lower.bending)
-
-
-def test_heads_of_tables():
-    for unit, factor in (("N m/arcmin", 10800 / math.pi), ("Nm/deg", 180 / math.pi)):
-        for head in (f"k [{unit}]", f"k ({unit})"):
-            assert head_of(head, "here") == ("k", "torsional stiffness", pytest.approx(factor))
-    assert head_of("k [N/um]", "here") == ("k", "stiffness", pytest.approx(1e6))
 
 
 def test_units_of_parameters_in_the_files_own(tmp_path):

@@ -21,7 +21,6 @@ from tests.support.builders import (
     paper_platform,
     platform_mechanism,
     promised,
-    read_mesh,
     reference,
     robot_file,
     serial_model,
@@ -50,6 +49,7 @@ from tests.support.oracles import (
     twist_matrix,
     twist_of,
 )
+from tests.support.robots import read_mesh
 from tests.support.samplers import (
     ROTATION_ANGLES,
     plain_twists,

@@ -20,13 +20,11 @@ from cartstiff import (
     DeadWrench,
     ElasticMechanism,
     FollowerWrench,
-    InputError,
     JointSprings,
     LineSprings,
 )
 from cartstiff.extend import Platform
 from tests.doors import Chain, Closure, Units, plain_tree
-from tests.inner import read_meshes
 from tests.support.oracles import (
     adjoint_reference,
     body_jacobian,
@@ -48,14 +46,6 @@ def robot_file(relative: str) -> str:
         if path.is_file():
             return str(path)
     pytest.skip(f"example-robot-data is not installed: {relative}")
-
-
-def read_mesh(path: Path) -> Any:
-    """A mesh file, or its refusal raised."""
-    mesh = read_meshes([path])[path]
-    if isinstance(mesh, InputError):
-        raise mesh
-    return mesh
 
 
 def translation(*p: float) -> np.ndarray:

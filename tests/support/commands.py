@@ -12,11 +12,10 @@ import pytest
 
 from cartstiff import InputError
 from cartstiff.__main__ import main
-from tests.inner import _COMMANDS
-from tests.inner import command as command
+from tests import surface
 
 #: Names of the commands.
-COMMANDS = tuple(_COMMANDS)
+COMMANDS = tuple(surface.options())
 
 
 def words(*parts: object) -> list[str]:

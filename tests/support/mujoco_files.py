@@ -23,8 +23,7 @@ from cartstiff import (
 )
 from cartstiff.extend import Platform
 from cartstiff.geometry import se3
-from tests.doors import SI, Chain, PlatformPosture, Units, convert_length, numerics
-from tests.inner import arrays_Array as Array
+from tests.doors import SI, Array, Chain, PlatformPosture, Units, convert_length, numerics
 
 
 @dataclass

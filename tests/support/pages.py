@@ -7,6 +7,7 @@ from typing import Any
 
 from cartstiff import ElasticMechanism
 from tests.inner import (
+    COLOURS,
     Background,
     Cloud,
     Playback,
@@ -22,6 +23,9 @@ from tests.inner import (
     series_row,
     shown_numbers,
 )
+
+#: The page's colours by what they mean.
+colour = COLOURS.__getitem__
 
 #: Postures that the page plays, points of a map, and what reads them from files.
 playback_of, cloud_of, clouds_in, postures_in = Playback, Cloud, read_cloud, read_trajectory

@@ -13,6 +13,8 @@ from cartstiff import (
     Workspace,
 )
 from cartstiff.identify import Identification
+from tests.inner import TITLES as TITLES
+from tests.inner import VERDICTS as VERDICTS
 from tests.inner import (
     answer_at,
     answer_of_compensation,

@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from tests.inner import TITLES, VERDICTS
+from tests.support.printed import TITLES, VERDICTS
 from tests.support.read_units import si
 
 

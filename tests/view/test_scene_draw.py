@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from tests.inner import ViewerNode, theme
 from tests.support import twist_matrix
+from tests.support.pages import colour
 from tests.support.read_units import read, si
-from tests.view.viewer import Viewer
+from tests.view.viewer import Viewer, visualizer
 
 import cartstiff
 from cartstiff import InputError
@@ -28,7 +28,7 @@ class Drawing:
     def __init__(self, name: str, q: Any = None, wrench: Any = None) -> None:
         self.elastic = cartstiff.load(name)
         self.window = RecordingWindow()
-        self.scene = Scene(ViewerNode(self.window, "/meshcat"), self.elastic)
+        self.scene = Scene(visualizer(self.window), self.elastic)
         self.viewer = Viewer()
         self.result = cartstiff.analyse(self.elastic, q, wrench=wrench)
 
@@ -152,7 +152,7 @@ def test_an_indefinite_matrix_has_no_ellipsoid():
     )
     assert viewer.visible(f"{parts[0]}/minus")
     assert not viewer.visible(f"{parts[0]}/plus")
-    assert negative == theme.COLOURS["negative"]
+    assert negative == colour("negative")
     assert positive != negative
     assert viewer.text(body.replace("body", "value 1")) == "-511 N cm/rad"
     assert viewer.visible(drawing.body("translation"))
@@ -169,7 +169,7 @@ def test_a_singular_matrix_is_a_disc_or_a_rod():
     lengths = np.linalg.norm(drawing.viewer.world(body)[:3, :3], axis=0)
     assert 0 < lengths[0] < 0.2 * lengths[1]
     assert lengths[1:] == pytest.approx(facts["radii"][1:])
-    rod = add_ellipsoid(ViewerNode(RecordingWindow(), "/meshcat"), np.diag([0.0, 3.0, 0.0]))
+    rod = add_ellipsoid(visualizer(RecordingWindow()), np.diag([0.0, 3.0, 0.0]))
     assert rod["shown"]
     assert "two principal values are zero: drawn as a rod" in rod["reason"]
 
@@ -409,7 +409,7 @@ def test_forces_of_few_motors_are_flat_and_unknown_ones_are_said(tmp_path):
     drawing = Drawing.__new__(Drawing)
     drawing.elastic = cartstiff.load(str(tmp_path / "two.urdf"), frame="tip", stiffness=3e3)
     drawing.window, drawing.viewer = RecordingWindow(), Viewer()
-    drawing.scene = Scene(ViewerNode(drawing.window, "/meshcat"), drawing.elastic)
+    drawing.scene = Scene(visualizer(drawing.window), drawing.elastic)
     drawing.result = cartstiff.analyse(drawing.elastic, [0.2, 0.5])
     assert drawing.draw(held_forces=True)["held_forces"]["shown"]
     triangles = triangles_of(drawing.viewer.places[f"{ROOT}/held forces/body"])

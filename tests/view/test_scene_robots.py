@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.inner import ViewerNode
 from tests.support import robot_file
 from tests.support.robots import visuals_of
-from tests.view.viewer import Viewer
+from tests.view.viewer import Viewer, visualizer
 
 import cartstiff
 from cartstiff.scene import Appearance, RecordingWindow, Scene
@@ -23,7 +22,7 @@ ROUNDING = 1e-9
 
 def drawn(elastic: Any, q: Any = None, **look: Any) -> tuple[Viewer, Scene, dict[str, Any]]:
     window = RecordingWindow()
-    scene = Scene(ViewerNode(window, "/meshcat"), elastic)
+    scene = Scene(visualizer(window), elastic)
     legend = scene.draw(cartstiff.analyse(elastic, q), Appearance(**look))
     return Viewer(window.snapshot()), scene, legend
 
@@ -77,7 +76,7 @@ def test_a_snapshot_is_small():
     window = RecordingWindow()
     arm = cartstiff.load("ur5")
     robot_file("ur_description/urdf/ur5_robot.urdf")
-    Scene(ViewerNode(window, "/meshcat"), arm).draw(cartstiff.analyse(arm))
+    Scene(visualizer(window), arm).draw(cartstiff.analyse(arm))
     assert sum(map(len, window.snapshot())) < 2e6
 
 

@@ -19,7 +19,12 @@ with warnings.catch_warnings():
     import meshcat
     import meshcat.geometry
 
-__all__ = ["Viewer", "meshcat"]
+__all__ = ["Viewer", "meshcat", "visualizer"]
+
+
+def visualizer(window: Any) -> meshcat.Visualizer:
+    """Meshcat's own view into a window."""
+    return meshcat.Visualizer(window=window)
 
 
 @dataclass

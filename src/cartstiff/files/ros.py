@@ -7,7 +7,6 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 
 from cartstiff.core.errors import (
@@ -104,11 +103,6 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
     return str(answer["xml"]), twice
 
 
-@cache
-def _has_descriptions() -> bool:
-    return importlib.util.find_spec("robot_descriptions") is not None
-
-
 def is_description_name(name: str) -> bool:
     """Whether a name has the form of those of robot_descriptions."""
     return bool(re.fullmatch(r"[a-z0-9_]+_description", name))
@@ -125,7 +119,7 @@ def described_robot(name: str) -> tuple[Path, Ros]:
         For a robot whose repository is not in its cache; UnknownNameError for an unknown
         name.
     """
-    if not _has_descriptions():
+    if importlib.util.find_spec("robot_descriptions") is None:
         raise MissingDependencyError(
             "robot_descriptions", f"the robot {name!r}", "descriptions"
         )

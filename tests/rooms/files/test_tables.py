@@ -1,7 +1,8 @@
-"""Names of strangers in tables: a spreadsheet runs none of them, and the table is read back."""
+"""Tables: heads give units, and names of strangers are run by no spreadsheet and read back."""
 
 import csv
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -9,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.doors import csv_rows, csv_text, unsafe_cell
-from tests.inner import read_rows, safe_cell
+from tests.doors import Units, csv_rows, csv_text, unsafe_cell
+from tests.inner import head_of, read_rows, safe_cell
 from tests.support.commands import outcome
 
 import cartstiff
+from cartstiff import InputError
 
 FORMULAS = [
     "=1+1",
@@ -122,3 +124,84 @@ def test_the_page_writes_the_same():
     script = f"{made} {shown}"
     done = subprocess.run([node, "-e", script], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout) == [safe_cell(" ".join(word.split(" "))) for word in words]
+
+
+def table(tmp_path, text, **keys):
+    path = tmp_path / "table.csv"
+    path.write_text(text, encoding="utf-8")
+    return read_rows(path, "rows", **keys)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a [deg],x [mm],fx [kN],m [N mm]\n90,1500,0.2,3000\n",
+        "a [deg];x [mm];fx [kN];m [N mm]\n90,0;1500;0,2;3000\n",
+        "a [rad]\tx [m]\tfx\tm [Nm]\n1,5707963267948966\t1,5\t200\t3\n",
+        "a (deg),x (\u00b5m),fx (kN),m (N m)\n90,1.5e6,0.2,3\n",
+        "# by hand\na [°] , x[cm], fx [N], m [kN*mm]\n 90,150,200, 3\n",
+    ],
+)
+def test_heads_give_units_and_semicolons_decimal_commas(tmp_path, text):
+    rows = table(tmp_path, text)
+    assert rows.names == ("a", "x", "fx", "m")
+    assert np.allclose(rows.values, [[np.pi / 2, 1.5, 200, 3]], rtol=1e-12)
+
+
+def test_other_round_brackets_belong_to_the_name(tmp_path):
+    assert table(tmp_path, "motor (left),x(2) (mm)\n1,2\n").names == ("motor (left)", "x(2)")
+
+
+def test_tables_have_no_negative_zero():
+    text = csv_text(np.array([[-0.0, -1.0]]), ("a", "b"))
+    assert text == csv_rows(("a", "b"), [(-0.0, -1)]).replace("0.0", "0")
+
+
+def test_joints_may_be_called_by_number_and_spreadsheets_say_their_separator(tmp_path):
+    text = "sep=;\nq2 [deg];q1 [deg];x\n90;180;3\n"
+    assert table(tmp_path, text, joints=("lift", "pan")).names == ("pan", "lift", "x")
+    for joints in ((), ("q2", "q1"), ("a", "b", "c")):  # not all of them, or named so themselves
+        assert table(tmp_path, text, joints=joints).names == ("q2", "q1", "x")
+
+
+def test_lengths_come_in_the_mechanism_s_units(tmp_path):
+    rows = table(tmp_path, "x [mm],f [N],m [N m]\n1500,2000,3\n", units=Units("cm", "kN"))
+    assert np.allclose(rows.values, [[150, 2, 0.3]])
+
+
+def test_without_names_semicolons_serve_as_well(tmp_path):
+    assert table(tmp_path, "1,5;2\n3;4,5\n").values.tolist() == [[1.5, 2], [3, 4.5]]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a [grad],b\n1,2\n", "line 1: column 'a' has an unknown unit; expected m, dm.*got 'grad'"),
+        ("a [deg],a [rad]\n1,2\n", "column named twice"),
+        ("a;b\n1,5;2.5\n", "line 2: decimal commas and points in one line"),
+        ("a,b\n1,5,2,5\n", "line 2: commas between numbers and in them, it seems; expected semi"),
+        ("a;b\n1;2;3\n", "line 2: wrong count; expected 2"),
+        ("a;b\n1;x\n", "line 2: not a finite number"),
+        ("a [deg]\n", "no rows"),
+    ],
+)
+def test_tables_that_cannot_be_meant(tmp_path, text, words):
+    with pytest.raises(InputError, match=words) as caught:
+        table(tmp_path, text)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_not_needed_is_named_and_slips_are_refused(tmp_path):
+    rows = table(tmp_path, "b,free_angle,a\n1,2,3\n")
+    layout, values, unused = rows.arranged(("a", "b"), ("time", "a", "b"))
+    assert (layout, values.tolist(), unused) == (("a", "b"), [[3, 1]], ("free_angle",))
+    for text in ("a,b,tiem\n1,2,3\n", "a,b,fx\n1,2,3\n"):
+        with pytest.raises(InputError, match="columns do not fit"):
+            table(tmp_path, text).arranged(("a", "b"), ("time", "a", "b", "fx", "fy"))
+
+
+def test_heads_of_tables():
+    for unit, factor in (("N m/arcmin", 10800 / math.pi), ("Nm/deg", 180 / math.pi)):
+        for head in (f"k [{unit}]", f"k ({unit})"):
+            assert head_of(head, "here") == ("k", "torsional stiffness", pytest.approx(factor))
+    assert head_of("k [N/um]", "here") == ("k", "stiffness", pytest.approx(1e6))

@@ -1,12 +1,32 @@
-"""What the process that reads a stranger's file is refused, tried by a reader that means harm."""
+"""Bounds of what is read: those of the reference, and a process that means harm reaches nothing."""
 
 import shutil
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
-from tests.inner import answer_of
+from tests.inner import (
+    answer_of,
+    chain,
+    described,
+    mesh_worker,
+    meshes,
+    messages,
+    readers,
+    sampling,
+    tree,
+    urdf,
+    xacro_worker,
+    yaml_file,
+)
+from tests.inner import loading_tables as tables
+from tests.inner import map as map_request
+from tests.inner import problem as effort
+from tests.inner import reading as mjcf_data
+from tests.inner import tables as target_file
+from tests.inner import worker as mjcf_worker
 
 HOSTILE = """
 import os, socket, subprocess, sys
@@ -60,3 +80,35 @@ def test_a_reader_reaches_no_network(tmp_path):
     assert done["threads"] == 1  # a user without rights gets a network only so
     assert "done" not in (done["udp"], done["tcp"])
     assert not marker.exists() or marker.stat().st_size == 0
+
+
+def test_the_limits_are_those_of_the_reference():
+    table = (Path(__file__).parents[3] / "docs/reference/limits.md").read_text(encoding="utf-8")
+    assert yaml_file.LARGEST == tables.LARGEST == target_file._LARGEST == 1024**2
+    assert mjcf_worker._MEGABYTES == 2048
+    shown = {
+        "1 GiB": map_request._LARGEST_FILE / 1024**3,
+        "64 MiB": meshes._LARGEST / 1024**2,
+        "64 MiB |": readers._MAX_BYTES / 1024**2,
+        "40 000": yaml_file.MOST_VALUES,
+        "| 200 |": tree.MOST_COORDINATES,
+        "of which 200 move": urdf.MOST_MOVING,
+        "2000, of": urdf._MAX_JOINTS,
+        "| 100 |": chain._MOST_CLOSURES,
+        "| 5000;": mjcf_data.LARGEST["nbody"],
+        "5000; 20 000": mjcf_data.LARGEST["nsite"],
+        "20 000;": mjcf_data.LARGEST["ngeom"],
+        "1000 |": mjcf_data.LARGEST["nkey"],
+        "8 s": mjcf_worker._SECONDS,
+        "6 s": xacro_worker._SECONDS,
+        "150 000": effort._MAX_SEARCH_COST,
+        "at least 300 |": effort._MIN_POSTURES,
+        "2 000 000": mesh_worker.MOST_CORNERS / 3,
+        "10 000 000": sampling._MAX_AXIS_VALUES,
+        "100 000": described.MAX_PARTS,
+        "64 KiB": messages.LARGEST_MESSAGE / 1024,
+    }
+    for words, value in shown.items():
+        assert words in table
+        digits = "".join(c for c in words if c.isdigit())
+        assert str(int(value)) in digits or digits.startswith(str(int(value))), words
