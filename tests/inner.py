@@ -21,16 +21,15 @@ HOMES = {
     "answer.analysis.sections": "numbers unit_of",
     "answer.doubts": "WEIGHTS doubts_of",
     "answer.equilibrium": "STABILITY",
-    "answer.posture": "answer_at parts_of_links",
+    "answer.posture": "answer_at",
     "answer.verdict": "RULES decide",
-    "answer.vibration.sensitivities": "MATRICES",
     "core.arrays": "safe_cell",
     "core.described": "SIGNS",
-    "core.geometry.se3": "adjoint exp log right_jacobian se3_inverse=inverse",
+    "core.geometry.se3": "adjoint",
     "core.mechanisms": "chain tree",
-    "core.numerics": "CONSTRAINT_TOLERANCE threads",
+    "core.numerics": "threads",
     "core.statics": "problem",
-    "core.stiffness": "compute motions posture_notes reduction",
+    "core.stiffness": "motions reduction",
     "core.stiffness.motions": "Problem _inverse motions_motions=motions",
     "files": """
         bare catalogue joints loading_tables=tables mesh_worker meshes passes readers
@@ -40,7 +39,6 @@ HOMES = {
     "files.catalogue": "example_robot example_robots",
     "files.child_process": "answer_of",
     "files.description": "Lifted Obstacle",
-    "files.flexible_links": "VIRTUAL",
     "files.frames": "default_frame",
     "files.identity": "_PARTS identity_of",
     "files.joints": "cut",
@@ -48,31 +46,26 @@ HOMES = {
     "files.mesh_worker": "corner_normals",
     "files.meshes": "read_meshes",
     "files.mjcf": "reading worker",
-    "files.passes": "ASSUMED_STIFFNESS",
     "files.platform_schema": "PlatformFile",
     "files.schema": "ClosedChainFile SerialFile",
     "files.struts.mounted_struts": "MountedStruts",
     "files.tables": "head_of read_rows",
-    "files.tree_building": "tree_building_Give=Give",
     "files.visuals": "visuals_of",
-    "kinematics.joint_poses": """
-        PlatformPoses distinct joint_poses_Kinematics=Kinematics pose_errors
-    """,
+    "kinematics.joint_poses": "distinct joint_poses_Kinematics=Kinematics pose_errors",
     "recorded": "kernels postures vibrations",
     "recorded.algebra": """
         PLAIN algebra_congruence=congruence eliminated holds_soft_directions inverse
         positive_factor product reflections rotation_vector solution
     """,
-    "recorded.arguments": "OUTPUTS aligned_empty",
+    "recorded.arguments": "aligned_empty",
     "recorded.chains": "deflection_for",
     "recorded.execution": "CompiledKernel HELPERS PortableKernel PrintedPosture javascript",
     "recorded.following": "Assembler",
     "recorded.gradient": "gradient_program",
     "recorded.gradients": "gradients_matrices=matrices",
     "recorded.gradients.gradient": "gradient_Question=_Question",
-    "recorded.gradients.matrices": "_Question",
     "recorded.gradients.objectives": "OfFunction OfQuantity",
-    "recorded.kernels": "Closer WORTH_RECORDING",
+    "recorded.kernels": "Closer",
     "recorded.own_outputs": "OwnOutputs",
     "recorded.plans": "plan program_for",
     "recorded.quantities": "BUILT_IN FREQUENCIES Settings choose_quantities frequency_name",
@@ -102,7 +95,7 @@ HOMES = {
     "shown.page.following": "Follower",
     "shown.page.html_report": "report_page",
     "shown.page.messages": """
-        Answer Better Draw Frame LARGEST_MESSAGE Message Numbers Response ViewState
+        Better Draw Frame LARGEST_MESSAGE Message Numbers Response ViewState
         read_message
     """,
     "shown.page.picture": "PageScene",
@@ -119,11 +112,9 @@ HOMES = {
     "shown.report.frames": "describe_frames frames_of",
     "shown.report.layout": "percent",
     "shown.report.maps": "map_section",
-    "shown.report.output": "save_figure write_json",
+    "shown.report.output": "save_figure",
     "shown.report.reach": "boundary_csv",
-    "shown.report.sentences": """
-        SENTENCES TITLES VERDICTS answer_sentences direction_words share_words words_of
-    """,
+    "shown.report.sentences": "SENTENCES TITLES VERDICTS answer_sentences direction_words words_of",
     "shown.scene": "objects theme",
     "shown.scene.environment": "scene_units",
     "shown.scene.labels": "text_png",
@@ -136,9 +127,9 @@ HOMES = {
     "shown.scene.viewer": "ViewerNode",
     "wings.identify.answer": "answer_of_identification",
     "wings.identify.fitting": "linear_fit rates_by_step",
-    "wings.identify.identification": "with_result written_values",
+    "wings.identify.identification": "written_values",
     "wings.identify.measurements": "table_text",
-    "wings.identify.models": "LoadedModel Model model_of",
+    "wings.identify.models": "model_of",
     "wings.identify.plan": "information plan_plan=plan",
     "wings.identify.written_file": "_put_joints _yaml keys_to_write mechanism_file",
     "wings.maps": "cartesian described sampling store",
@@ -146,7 +137,6 @@ HOMES = {
     "wings.maps.designs.study": "Case Study read_study",
     "wings.maps.job": "MapJob STATES",
     "wings.maps.pictures": "histogram",
-    "wings.maps.reading": "state_names",
     "wings.maps.run": "map_job packed part_elsewhere planned prepare_map run_map",
     "wings.maps.sampling": "chunk_shape usual_chunk",
     "wings.maps.store": "CHECKSUM MapFile",
@@ -154,11 +144,11 @@ HOMES = {
     "wings.reach.answer": "answer_of_workspace",
     "wings.reach.architecture": "architecture_of orientation_rank",
     "wings.reach.platform_assembly": "poses_of_lengths",
-    "wings.reach.workspace": "LegMargins around carried wrench_margins",
+    "wings.reach.workspace": "LegMargins around wrench_margins",
     "wings.toolpaths.answer": "answer_of_compensation answer_of_curve answer_of_path",
     "wings.toolpaths.better": "LoadedPostures better_posture",
     "wings.toolpaths.better_answer": "better_statements",
-    "wings.toolpaths.optimise": "NEARBY Steps best_way criteria",
+    "wings.toolpaths.optimise": "Steps best_way criteria",
 }
 _HOME = {
     word.partition("=")[0]: (module, word.rpartition("=")[2])

@@ -41,7 +41,7 @@ PACKAGE = ROOT / "src" / "cartstiff"
 CORE = PACKAGE / "core"
 sys.path.insert(0, str(PACKAGE.parent))
 ROOMS = ("geometry", "potentials", "mechanisms", "stiffness", "statics", "numerics")
-TESTS = ("oracles", "published", "mechanisms", "laws")
+TESTS = ("oracles", "published", "mechanisms", "laws", "rooms/core")
 #: Files that reach the core through programs, pages and commands, and take long.
 APART = (
     "many_",

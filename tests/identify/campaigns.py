@@ -10,12 +10,15 @@ from pathlib import Path
 
 import numpy as np
 from tests.doors import candidates, read_yaml, unknowns_of
-from tests.inner import model_of
+from tests.inner import keys_to_write, mechanism_file, model_of, plan_plan
 from tests.support.robots import bundled_files
 
 import cartstiff
 from cartstiff.geometry import se3
 from cartstiff.identify import Measurements
+
+#: The rows of a table that tell most.
+plan = plan_plan
 
 _JOINTS = {
     # name: (type, origin, axis) of each joint
@@ -126,6 +129,15 @@ def simulated(elastic, rows, spread, *, seed=0, loaded=False, tell_deviations=Fa
     values = {n: y[np.array(seen.column) == n] for n in spread}
     told = sds if tell_deviations else {n: np.full(count, np.nan) for n in spread}
     return replace(rows, values=values, deviations=told)
+
+
+def written(result, source, folder, frame=None):
+    """The mechanism of the file that a result is written into, from one folder further down."""
+    out = folder / "sub" / "known.yaml"
+    out.parent.mkdir(exist_ok=True)
+    keys = keys_to_write(result.unknowns, str(source), frame, out)
+    out.write_bytes(mechanism_file(result, keys, "test"))
+    return load(out)
 
 
 def write_table(path: Path, columns: dict[str, np.ndarray]) -> Path:

@@ -10,7 +10,6 @@ import pytest
 from tests.identify.campaigns import jacobian, load
 from tests.identify.neighbours import neighbours
 from tests.identify.test_polynomials import _campaign, _five_bar, _pulled
-from tests.inner import with_result
 from tests.support.commands import answer, run
 
 import cartstiff
@@ -143,7 +142,7 @@ def test_a_loop_with_a_motor_that_stiffens(tmp_path):
     for values, errors in zip(measured.values.values(), noise, strict=True):
         values += errors
     result = identify(guess, measured, sought=("joints", "left_motor"))
-    open_ = with_result(result)
+    open_ = result.mechanism
     motors = [open_.names[j] for j in open_.mechanism.actuated]
     told = {name: open_.q[open_.names.index(name)] + 0.05 for name in motors}
     for elastic in (open_, open_.with_springs(rest=told)):

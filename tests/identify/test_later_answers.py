@@ -9,7 +9,6 @@ import pytest
 from tests.doors import candidates, displacement_between
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, simulated, table_of
 from tests.identify.neighbours import neighbours
-from tests.inner import with_result
 from tests.support.commands import run
 
 import cartstiff
@@ -73,7 +72,7 @@ def test_ties_keep_their_lower_end_in_other_units(tmp_path):
     elastic = load(arm("elbow", tmp_path))
     rows = candidates(elastic, {"d": 1.0}, count=30, seed=1, force=100.0)
     result = identify(elastic, simulated(elastic, rows, {"d": 3e-5}, seed=1), ties=[("j4", "j5")])
-    found = with_result(result)
+    found = result.mechanism
     known = dataclasses.replace(found.identified, at_least={"j4 = j5": 2000.0, "j1": 10.0})
     found = dataclasses.replace(found, identified=known)
     there = in_units(found, "mm")

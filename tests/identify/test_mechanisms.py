@@ -16,11 +16,11 @@ from tests.identify.campaigns import (
     jacobian,
     load,
     measurements,
+    model_of,
     random_campaign,
     table_of,
     write_table,
 )
-from tests.inner import LoadedModel, Model
 from tests.support.robots import bundled_files
 
 import cartstiff
@@ -90,8 +90,8 @@ def test_the_derivative_is_that_of_the_equilibrium():
     nothing = {name: np.zeros(2) for name in ("dx", "dy", "dz", "drz")}
     measured = measurements(q, W, nothing, mass=np.array([0.0, 1.0]))
     unknowns = unknowns_of(elastic, ("joints", "links"))
-    linear = Model(unknowns, measured)
-    model = LoadedModel(unknowns, measured)
+    linear = model_of(unknowns, measured)
+    model = model_of(unknowns, measured, loaded=True)
     theta = unknowns.nominal
     y, A = model.at(theta)
     for p in range(len(theta)):
@@ -100,10 +100,10 @@ def test_the_derivative_is_that_of_the_equilibrium():
         rate = (model.at(theta + step)[0] - model.at(theta - step)[0]) / (2 * step[p])
         assert A[:, p] == pytest.approx(rate, rel=1e-5, abs=1e-6 * np.abs(y).max() / theta[p])
     small = measurements(q, 1e-3 * W, nothing)
-    straight, B = Model(unknowns, small).at(theta)
-    y, _ = LoadedModel(unknowns, small).at(theta)
+    straight, B = model_of(unknowns, small).at(theta)
+    y, _ = model_of(unknowns, small, loaded=True).at(theta)
     assert y == pytest.approx(straight, rel=1e-3, abs=1e-3 * np.abs(y).max())
-    linear = Model(unknowns, small)
+    linear = model_of(unknowns, small)
     for p in range(len(theta)):  # theorem of the unit load
         step = np.zeros(len(theta))
         step[p] = 1e-4 * theta[p]
@@ -320,6 +320,6 @@ def test_a_row_in_which_a_motion_costs_nothing_is_named():
     one = replace(elastic, springs=elastic.springs.replaced(k, elastic.springs.rest))
     W = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
     measured = measurements(elastic.q[None], W, {"dx": np.zeros(1), "dy": np.zeros(1)})
-    model = Model(unknowns_of(one, ("left_motor",)), measured)
+    model = model_of(unknowns_of(one, ("left_motor",)), measured)
     with pytest.raises(cartstiff.InputError, match=r"row 1: .*hold the mechanism"):
         model.at(model.unknowns.nominal)

@@ -7,9 +7,17 @@ import json
 import numpy as np
 import pytest
 from tests.doors import candidates, unknowns_of
-from tests.identify.campaigns import SPRINGS, arm, jacobian, load, measurements, simulated, table_of
-from tests.inner import LoadedModel, Model
-from tests.inner import plan_plan as plan
+from tests.identify.campaigns import (
+    SPRINGS,
+    arm,
+    jacobian,
+    load,
+    measurements,
+    model_of,
+    plan,
+    simulated,
+    table_of,
+)
 from tests.support.commands import answer, run
 
 import cartstiff
@@ -91,7 +99,7 @@ def test_derivatives_are_those_of_the_prediction(tmp_path):
     path, table = _campaign(tmp_path, 3, 0.0)
     elastic = load(path)
     unknowns = unknowns_of(elastic, ("joints", "j2"))
-    model = Model(unknowns, read_measurements(table, elastic))
+    model = model_of(unknowns, read_measurements(table, elastic))
     _derivatives_are_right(model, 1e-5, NUMERIC)
 
 
@@ -180,7 +188,7 @@ def test_a_motor_of_a_loop_that_stiffens(tmp_path):
     assert found["left_motor x^3"] == pytest.approx(2.0e4, rel=1e-4)
     assert result.to_dict()["model"] == "loaded equilibrium"
     assert "equilibrium-needed" in {note.code for note in result.notes}
-    model = LoadedModel(result.unknowns, measured)
+    model = model_of(result.unknowns, measured, loaded=True)
     _derivatives_are_right(model, 1e-4, 1e-5)
 
 
@@ -205,7 +213,9 @@ def test_a_plan_and_a_simulation_know_that_it_stiffens(tmp_path):
 def test_a_guess_that_is_too_soft_for_the_loads_is_begun_stiffer(tmp_path, monkeypatch):
     true = _five_bar(tmp_path, "true.yaml", [900.0, 0.0, 2.0e4], 700.0)
     soft = _five_bar(tmp_path, "soft.yaml", [500.0, 0.0, 1.5e4], 400.0)
-    measured, at, tried = _pulled(true, 10, 5, 150.0), LoadedModel.at, []
+    measured, tried = _pulled(true, 10, 5, 150.0), []
+    kind = type(model_of(unknowns_of(soft), measured, True))
+    at = kind.at
 
     def carries(model, theta):
         tried.append(theta[0])
@@ -213,7 +223,7 @@ def test_a_guess_that_is_too_soft_for_the_loads_is_begun_stiffer(tmp_path, monke
             raise ConvergenceError("row 1: no equilibrium found", iterations=0, residual=np.nan)
         return at(model, theta)
 
-    monkeypatch.setattr(LoadedModel, "at", carries)
+    monkeypatch.setattr(kind, "at", carries)
     result = identify(soft, measured, sought=("joints", "left_motor"))
     assert tried[0] == pytest.approx(1 / 400)
     found = {e.name: e.compliance for e in result.estimates}

@@ -8,9 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from tests.doors import candidates, unknowns_of
-from tests.identify.campaigns import measurements, simulated, write_table
-from tests.inner import plan_plan as plan
-from tests.inner import rates_by_step
+from tests.identify.campaigns import measurements, plan, simulated, write_table
 from tests.support.commands import run
 from tests.support.printed import text_of
 
@@ -498,21 +496,6 @@ def test_a_session_has_no_name_of_an_offset_that_is_sought(arm, tmp_path):
     source = campaign(tmp_path / "a.csv", session=np.full(40, "tool"))
     with pytest.raises(InputError, match=r"column session: has the name of an offset .* got tool"):
         _found(arm, source, ("joints", "tool"))
-
-
-@pytest.mark.parametrize("word", ["tool", "base"])
-def test_turned_tools_and_bases_change_by_a_step_as_differences_say(word):
-    """Rotation vectors by Pinocchio: a tool's step turns after what was found, a base's before."""
-    turn, h = np.array([0.6, -0.4, 0.9]), 1e-6
-    found = dict(zip([f"{word}.r{axis}" for axis in "xyz"], turn, strict=True))
-    rates, R = rates_by_step(found, word), pin.exp3(turn)
-    for i, e in enumerate(h * np.eye(3)):
-        more, less = (pin.exp3(e), pin.exp3(-e))
-        ends = (more @ R, less @ R) if word == "tool" else (R @ more, R @ less)
-        rate = (pin.log3(ends[0]) - pin.log3(ends[1])) / (2.0 * h)
-        assert rates[3:, 3 + i] == pytest.approx(rate, abs=1e-8)
-    assert rates[:3, :3] == pytest.approx(R if word == "base" else np.eye(3), abs=1e-12)
-    assert not rates[:3, 3:].any()
 
 
 def test_rotations_of_sessions_are_exact_on_a_soft_arm():

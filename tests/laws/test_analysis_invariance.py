@@ -29,7 +29,6 @@ from tests.doors import (
     twist_compliant_axes,
     wrench_compliant_axes,
 )
-from tests.inner import modes
 
 import cartstiff
 from cartstiff import UndefinedError, analyse_posture
@@ -356,19 +355,6 @@ def test_minimum_stiffness_belongs_to_its_twist(seed: int) -> None:
     assert np.isclose(t @ length_metric(0.25) @ t, 1.0)
     assert np.isclose(t @ K @ t, n.minimum_stiffness)
     assert np.allclose(n.eigenvalues, np.linalg.eigvalsh(scale_lengths(K, 0.25)))
-
-
-@given(seeds)
-def test_modes_are_frame_independent_when_the_metric_moves_along(seed: int) -> None:
-    rng, K, T, moved = pair(seed)
-    A = rng.standard_normal((3, 3))
-    M = inertia_metric(2.0, 0.02 * (A @ A.T + np.eye(3)), 0.1 * rng.standard_normal(3))
-    here, there = modes(K, M, "inertia"), modes(moved, move_stiffness(M, T))
-    assert np.allclose(here.eigenvalues, there.eigenvalues, rtol=1e-7)
-    V = here.twists
-    assert np.allclose(V.T @ M @ V, np.eye(6), atol=CLOSE)
-    assert np.allclose(K @ V, M @ V * here.eigenvalues, atol=1e-6)
-    assert here.metric == "inertia"
 
 
 @given(seeds)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.doors import LETTERS, Parameters, Posture, Uncertain, joint_shares
-from tests.inner import numbers
 from tests.support import adjoint_reference, body_jacobian, frame_pose, loaded_arm
 from tests.support.printed import text_of
 
@@ -363,31 +362,6 @@ def test_a_joint_placement_is_where_the_joint_stands() -> None:
     turned = parameters.at({"frame.rz": 0.3})
     turn = se3.pose(Rotation.from_euler("z", 0.3).as_matrix())
     assert np.allclose(turned.B.matrix, result.B.to_frame(turn).matrix, rtol=1e-9)
-
-
-def test_numbers_are_finite_floats_with_stable_names() -> None:
-    found = numbers(analyse_posture(arm(6)))
-    assert found["stiffness"].shape == (6, 6)
-    assert found["ellipsoids.stiffness.translation.free.eigenvalues"].shape == (3,)
-    assert found["eigenscrews.screws.pitch"].shape == (6,)
-    assert found["eigenscrews.screws.direction"].shape == (6, 3)
-    assert found["wrench_compliant_axes.point"].shape == (3, 3)
-
-
-def test_axes_keep_their_sides() -> None:
-    """An axis and its opposite are one: numbers follow the sides of the analysis given."""
-    analysis = analyse_posture(arm(6))
-    flipped = json.loads(json.dumps(analysis))
-    for screw in flipped["eigenscrews"]["screws"]:
-        screw["direction"] = [-x for x in screw["direction"]]
-    axes = flipped["ellipsoids"]["stiffness"]["translation"]["held"]["axes"]
-    flipped["ellipsoids"]["stiffness"]["translation"]["held"]["axes"] = [
-        [-x for x in row] for row in axes
-    ]
-    plain_numbers, turned_back = numbers(analysis), numbers(flipped, analysis)
-    for name in ("eigenscrews.screws.direction", "ellipsoids.stiffness.translation.held.axes"):
-        assert np.array_equal(numbers(flipped)[name], -plain_numbers[name])
-        assert np.array_equal(turned_back[name], plain_numbers[name])
 
 
 # -- refusals --------------------------------------------------------------------------------------

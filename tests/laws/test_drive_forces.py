@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.doors import DEAD_AT_ORIGIN
-from tests.inner import RecordedPostures
 from tests.support.commands import answer, run
 
 import cartstiff as cs
@@ -165,21 +163,3 @@ def test_shares_of_limits():
         np.array([30.0, 30.0, 40.0, 100.0, 100.0, 100.0, np.inf]),
     )
     assert used == pytest.approx([0.0, 0.5, 1.5, 1.0, 1.0, 0.0, np.nan], nan_ok=True)
-
-
-def test_a_recorded_posture_doubts_the_forces_that_the_core_doubts():
-    """A page asks whether a limit may be passed, and for forces only then."""
-    ur5 = cs.load("ur5")
-    recorded = RecordedPostures(ur5)
-    recorded.posture(ur5.q, np.array([0, 0, 0, 0, 0, -1.0]), DEAD_AT_ORIGIN, "world")
-    recorded.record().join()
-    rng, doubted = np.random.default_rng(8), []
-    for size in np.linspace(-700.0, 700.0, 57):
-        q, wrench = ur5.q + rng.uniform(-0.4, 0.4, 6), np.array([0, 0, 0, 0, 0, size])
-        quick = recorded.posture(q, wrench, DEAD_AT_ORIGIN, "world")
-        core = cs.analyse(ur5, q, wrench=wrench, load_axes="world")
-        each = [[n.message for n in r.notes if n.code == "force-limits"] for r in (quick, core)]
-        assert each[0] == each[1], size
-        doubted.append(bool(each[0]))
-    assert any(doubted)
-    assert not all(doubted)

@@ -10,8 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import brentq
-from tests.doors import Chain, PolynomialLaw, plain_tree, with_rest_balancing
-from tests.inner import save_figure
+from tests.doors import Chain, PolynomialLaw, figure_content, plain_tree, with_rest_balancing
 from tests.support import links, robot_file
 
 import cartstiff
@@ -359,18 +358,14 @@ def test_bad_paths_are_refused(call, error, match):
 # -- figures -------------------------------------------------------------------------------------
 
 
-def test_figures(tmp_path):
+def test_figures():
     pytest.importorskip("matplotlib")
     curve = load_curve(truss(), DeadForce([0.0, 0.0, -1.0]), to=2.0)
-    file = tmp_path / "curve.png"
-    save_figure(curve.plot(), file)
-    assert file.stat().st_size > 1000
+    assert len(figure_content(curve.plot(), ".png")) > 1000
     path = compensate(column(2), [[0.3, 0.4], [0.2, 0.5]], [0, 0, 0, 0.1, 0.2, 0])
-    save_figure(path.plot(), tmp_path / "path.svg")
+    assert b"<svg" in figure_content(path.plot(), ".svg")
     with pytest.raises(InputError, match="unknown file ending"):
-        save_figure(curve.plot(), tmp_path / "curve.txt")
-    with pytest.raises(InputError, match="file cannot be written"):
-        save_figure(curve.plot(), tmp_path / "nowhere" / "curve.png")
+        figure_content(curve.plot(), ".txt")
 
 
 def test_figures_without_matplotlib(monkeypatch):

@@ -8,17 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import (
-    Tape,
-    absolute,
-    copysign,
-    gradient_program,
-    larger,
-    largest,
-    pick,
-    square_root,
-)
-from tests.inner import gradients_matrices as matrices
 from tests.support.builders import (
     general_legs,
     legs_as_platform,
@@ -44,11 +33,6 @@ def central(f: Any, step: float) -> float:
 def mixed(K: Any, W: Any, T: Any) -> Any:
     """A function of everything that may enter an objective."""
     return K[3, 3] + 0.3 * K[0, 4] - 0.2 * K[5, 1] + 0.1 * (W[2] * W[5]) + T[0, 3] * K[4, 4]
-
-
-def recorded_mixed(at: Any) -> Any:
-    """The same of a program."""
-    return mixed(at["stiffness_B"], at["wrench"], at["pose"])
 
 
 def crossed_joints(stiffness: list[float]) -> Any:
@@ -330,21 +314,6 @@ def test_equal_principal_values_have_two_sides():
     assert [slope.value for slope in found][3:] == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
 
 
-def test_the_gradient_costs_at_most_four_times_its_objective():
-    soft = "translation_free_min"
-    for name, quantity in (
-        ("ur5", soft),
-        ("panda", recorded_mixed),
-        ("hexapod", soft),
-        ("6-ups", soft),
-    ):
-        program = cartstiff.record(cartstiff.load(name), (quantity,), loaded=True)
-        objective = program.tape
-        (of,) = (name for name in objective.outputs if name != "verdict")
-        whole = gradient_program(objective, of)
-        assert whole.size <= 4.0 * objective.size, (name, whole.size, objective.size)
-
-
 def test_what_is_refused():
     ur5 = cartstiff.load("ur5")
     with pytest.raises(UnknownNameError, match="stifness"):
@@ -355,37 +324,6 @@ def test_what_is_refused():
         cartstiff.gradient(ur5, of=lambda K, W, T: K[:2])
     with pytest.raises(UndefinedError, match="does not exist"):
         cartstiff.gradient(cartstiff.load("five-bar"), of="translation_held_min")
-
-
-def test_every_operation_against_differences():
-    """The adjoint of each recorded operation, on smooth functions and beside every kink."""
-
-    def f(x: Any, y: Any) -> Any:
-        a = square_root(x * x + y * y + 1.0) - x / (y + 3.0)
-        b = larger(a, x) * absolute(y - x) + copysign(x, y)
-        return pick(a, b, a * b - 2.0 / y, -b) + np.sin(x) * np.cos(y)
-
-    def recorded(x: float, y: float) -> list[float]:
-        tape = Tape()
-        numbers = [tape.input("x", 0), tape.input("x", 1)]
-        a = square_root(numbers[0] * numbers[0] + numbers[1] * numbers[1] + 1.0)
-        a = a - numbers[0] / (numbers[1] + 3.0)
-        b = larger(a, numbers[0]) * absolute(numbers[1] - numbers[0])
-        b = b + copysign(numbers[0], numbers[1])
-        value = pick(a, b, a * b - 2.0 / numbers[1], -b)
-        value = value + numbers[0].sin() * numbers[1].cos()
-        from tests.inner import PortableKernel
-
-        known = {"value": np.array([value], object), "verdict": np.zeros(1)}
-        program = gradient_program(tape.program(known, []), "value")
-        return PortableKernel(program)({"x": np.array([[x, y]])})["by_x"][0].tolist()
-
-    for x, y in ((0.3, 0.7), (-1.2, 0.4), (1.5, -0.6), (2.0, 2.5)):
-        reference = [
-            central(lambda h, x=x, y=y: float(f(x + h, y)), 1e-3),
-            central(lambda h, x=x, y=y: float(f(x, y + h)), 1e-3),
-        ]
-        np.testing.assert_allclose(recorded(x, y), reference, rtol=1e-9, atol=1e-10)
 
 
 def test_a_program_has_gradients_at_many_postures():
@@ -412,38 +350,3 @@ def test_a_program_has_gradients_at_many_postures():
         closed.gradient("x", closed.elastic.q)
     with pytest.raises(UnknownNameError, match="output"):
         program.gradient("softest", arm.q, WRENCH)
-
-
-@pytest.mark.parametrize("name", ["ur5", "panda", "hexapod", "6-ups"])
-@pytest.mark.parametrize("wrench", [None, WRENCH])
-def test_sensitivities_are_exact_and_those_of_the_core(name, wrench):
-    """All matrices, the pose and the frequencies, against difference quotients."""
-    check_matrices(cartstiff.analyse(cartstiff.load(name), wrench=wrench))
-
-
-@pytest.mark.parametrize("name", ["ur5", "panda", "hexapod", "6-ups", "five-bar"])
-def test_what_comes_to_rest_again_is_exact_and_that_of_the_core(name):
-    """The same of equilibria, whose pose moves too."""
-    load = cartstiff.DeadForce([10.0, -20.0, 0.0])
-    check_matrices(cartstiff.equilibrium(cartstiff.load(name), load))
-
-
-def check_matrices(subject: Any) -> None:
-    """Compare exact derivatives with the quotients of other answers."""
-    question = matrices._Question(subject, matrices.modes_of(subject))
-    parameters = question.parameters
-    names = list(parameters.nominal)
-    exact = question._exact(names)
-    assert len(exact) == len(names)
-    for name in names[:: max(1, len(names) // 6)]:
-        quotient = parameters.quotient(name, question.seen, question.here)
-        size = parameters.size(name)
-        result = question.result
-        scales = largest(question.here[0]), result.posture.length, 0.0
-        seen, known = (
-            question._told([name], [row.slopes], np.array([row.error]))
-            for row in (exact[name], quotient)
-        )
-        for got, wanted, scale in zip(seen, known, scales, strict=True):
-            least = 1e-7 * (scale or np.abs(got).max(initial=1.0) * size)
-            np.testing.assert_allclose(got * size, wanted * size, rtol=1e-6, atol=least)

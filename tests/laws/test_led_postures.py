@@ -7,11 +7,8 @@ from itertools import product
 import numpy as np
 import pytest
 from tests.doors import Chain
-from tests.inner import Assembler
 
 import cartstiff
-from cartstiff import ConvergenceError
-from cartstiff.maps import Grid
 
 CLOSE = 1e-9
 
@@ -71,58 +68,6 @@ def test_a_five_bar_keeps_its_side_as_two_circles_say():
     assert seen > 50
 
 
-@pytest.mark.parametrize(
-    ("name", "span", "count", "least"),
-    [("five-bar", 1.0, 21, 344), ("delta", 1.0, 7, 343), ("3-rrr", 1.0, 5, 50)],
-)
-def test_cells_of_a_grid_move_little_from_one_to_the_next(name, span, count, least):
-    """No step of a coordinate is out of proportion to the motors': nobody changed the assembly."""
-    elastic = cartstiff.load(name)
-    motors = list(elastic.mechanism.actuated)
-    values = [np.linspace(elastic.q[j] - span, elastic.q[j] + span, count) for j in motors]
-    assembler = Assembler(elastic, elastic.q, motors, "auto", 4096)
-    shape = (count,) * len(motors)
-    q, is_closed = assembler.grid(values, motors, [slice(0, count)] * len(motors))
-    assert is_closed.sum() >= least
-    places = np.array([elastic.mechanism.at(row).pose[:3, 3] for row in q]).reshape(*shape, 3)
-    there = is_closed.reshape(shape)
-    step, unit = 2 * span / (count - 1), elastic.mechanism.at(elastic.q).length
-    for axis in range(len(motors)):
-        both = np.take(there, range(1, count), axis) & np.take(there, range(count - 1), axis)
-        moved = np.linalg.norm(np.diff(places, axis=axis), axis=-1)[both]
-        assert moved.max() < 5 * step * unit
-    # Any box gives the same numbers, and so does the engine, asked for the motors alone.
-    half = count // 2
-    for box in product((slice(0, half), slice(half, count)), repeat=len(motors)):
-        part, shut = assembler.grid(values, motors, box)
-        np.testing.assert_array_equal(shut, there[box].ravel())
-        inside = q.reshape(*shape, -1)[box].reshape(len(part), -1)
-        np.testing.assert_array_equal(part[shut], inside[shut])
-    rng = np.random.default_rng(0)
-    for i in rng.choice(np.flatnonzero(is_closed), 12, replace=False):
-        given = {elastic.names[j]: q[i, j] for j in motors}
-        np.testing.assert_allclose(cartstiff.analyse(elastic, given).q, q[i], atol=CLOSE)
-
-
-def test_all_ways_lead_to_the_same_posture():
-    """The engine, recorded steps, a program, and a map."""
-    elastic = cartstiff.load("delta")
-    motors = list(elastic.mechanism.actuated)
-    rng = np.random.default_rng(1)
-    q = np.tile(elastic.q, (110, 1))
-    q[:, motors] += rng.uniform(-1.0, 1.0, (110, 3))
-    engine = np.array([elastic.mechanism.closed(row).q for row in q[:25]])
-    many = cartstiff.analyse_many(elastic, q)
-    assert many.fallback < 5
-    np.testing.assert_allclose(many.q[:25], engine, atol=CLOSE)
-    single = Assembler(elastic, elastic.q, [], "auto", 64).together(q)
-    assert single[1].all()
-    np.testing.assert_allclose(single[0], many.q, atol=CLOSE)
-    program = cartstiff.record(elastic, "pose")
-    one = np.array([program(row).q for row in q])
-    np.testing.assert_allclose(one, many.q, atol=CLOSE)
-
-
 def test_who_gives_all_coordinates_is_not_led():
     """Another assembly, known to the user, is analysed as it is."""
     elastic = cartstiff.load("five-bar")
@@ -132,37 +77,6 @@ def test_who_gives_all_coordinates_is_not_led():
     closed = elastic.mechanism.closed(other, hold=elastic.mechanism.held)
     assert np.abs(closed.pose - elastic.mechanism.at(elastic.q).pose).max() > 0.05
     np.testing.assert_array_equal(elastic.mechanism.closed(closed.q).q, closed.q)
-
-
-def test_where_motors_cannot_go_the_others_give_way_as_before():
-    elastic = cartstiff.load("five-bar")
-    far = elastic.q.copy()
-    far[0] += 3.0
-    assert Assembler(elastic, elastic.q, [0], "auto", 8).led(far[None])[1].sum() == 0
-    try:
-        q = elastic.mechanism.closed(far).q
-    except ConvergenceError:
-        return
-    assert np.abs(elastic.mechanism.at(q).residual).max() < CLOSE
-
-
-def test_a_cell_without_a_straight_way_starts_from_the_one_beside_it():
-    """Somewhere a grid reaches what the straight line from home does not."""
-    elastic = cartstiff.load("five-bar")
-    motors = list(elastic.mechanism.actuated)
-    grid = Grid(
-        {elastic.names[j]: (elastic.q[j] - 2.5, elastic.q[j] + 2.5, 61) for j in motors},
-        elastic.names,
-        elastic.q,
-    )
-    assembler = Assembler(elastic, elastic.q, motors, "auto", 4096)
-    box = (slice(0, 61), slice(0, 61))
-    _, straight = assembler.led(grid.postures(box))
-    q, is_closed = assembler.grid(grid.values, motors, box)
-    assert (is_closed | ~straight).all()
-    assert is_closed.sum() > straight.sum()
-    for row in q[is_closed & ~straight]:
-        assert np.abs(elastic.mechanism.at(row).residual).max() < CLOSE
 
 
 def test_motors_that_had_to_give_way_are_named():

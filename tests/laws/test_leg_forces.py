@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.doors import LoadKind, Margins, with_rest_balancing
-from tests.inner import carried
 from tests.mechanisms.machines import write_file
 from tests.support.pages import message_of, source_of, tab_of
 from tests.view.conftest import NoPicture
@@ -112,7 +111,7 @@ def test_every_command_has_the_forces_of_statics(tmp_path, kind, acting):
 
     # Limits a hair around each force are kept, and limits around its opposite are not.
     room = 1e-6 * np.abs(expected).max()
-    load = None if W is None else carried(LoadKind(), W, "body", pose)
+    load = None if W is None else (LoadKind(), in_room, "world")
     for sign, state in ((1.0, "regular"), (-1.0, "beyond-limits")):
         if kind == "cables" and sign < 0.0:
             continue  # cables that push are refused

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from tests.doors import Array, LoadKind, Section
-from tests.inner import MapJob, Settings, segments_of_many
-from tests.laws.test_many_closed_chains import RECORDED, starts, weighed
-from tests.laws.test_many_engine import assert_same
+from tests.doors import Array, LoadKind
+from tests.laws.test_many_closed_chains import starts, weighed
+from tests.laws.test_many_engine import OUTPUTS, assert_same
+from tests.support.read import asked, of_many
 from tests.support.read import read as recorded
 
 import cartstiff
 from cartstiff import ElasticMechanism, analyse_many
-from cartstiff.extend import Beam
 from cartstiff.maps import RandomPostures
 
 WRENCH = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
@@ -86,7 +82,7 @@ def test_links_are_bent_as_by_the_engine(case, arms):
     if has_weight:
         elastic = weighed(elastic).with_payload(2.0, (0.0, 0.02, 0.05))
     q = postures(elastic)
-    (found,) = assert_same(elastic, q, "portable", outputs=RECORDED, **load)
+    (found,) = assert_same(elastic, q, "portable", outputs=OUTPUTS, **load)
     engine = analyse_many(elastic, q, path="engine", **load)
     assert found.fallback == 0
     np.testing.assert_allclose(found.q, engine.q, rtol=0, atol=1e-13)
@@ -121,22 +117,15 @@ def test_loads_beyond_what_the_series_reach(arms):
 def test_a_map_reads_them(arms, axes):
     """Quantities are read from bent links by machine code as from matrices."""
     elastic, count = arms["matrix"], 40
-    box = (slice(0, count),)
+    q = RandomPostures.within_limits(elastic, count, 3).postures((slice(0, count),), elastic)
     names = ("translation_free_min", "deflection", "energy")
     load = LoadKind("dead", (0.0, 0.1, 0.0))
-    job = MapJob(
-        elastic,
-        RandomPostures.within_limits(elastic, count, 3),
-        names,
-        Settings("B", 0.5, load=load, deflect=tuple(WRENCH), is_loaded=True),
-        tuple(WRENCH),
-        path="compiled",
-        load_axes=axes,
-    )
-    expected = job.compute(box)
-    found = replace(job, by_kernel=True).compute(box)
+    settings = asked("B", 0.5, load=load, deflect=tuple(WRENCH), is_loaded=True)
+    expected, _ = of_many(elastic, q, names, settings, WRENCH, axes=axes)
+    found = recorded(elastic, names, q, settings, WRENCH, axes, "compiled")
+    assert found.is_known.all()
     for name in names:
-        np.testing.assert_allclose(found[name], expected[name], rtol=1e-9, err_msg=name)
+        np.testing.assert_allclose(found.values[name], expected[name], rtol=1e-9, err_msg=name)
 
 
 @pytest.mark.parametrize("axes", ["body", "world"])
@@ -183,32 +172,3 @@ def test_random_postures_leave_links_unbent(arms):
     assert not q[:, sorted(elastic.mechanism.virtual - {j})].any()
     joints = [i for i in range(q.shape[1]) if i not in elastic.mechanism.virtual]
     assert np.ptp(q[:, joints], axis=0).min() > 0.1
-
-
-SECTIONS = {
-    "no shear": Section(1.4e8, 1e5, (1.4e5, 0.7e5)),
-    "shear": Section(1.4e8, 1e5, (1.4e5, 0.7e5), (2.0e7, 3.0e7)),
-}
-
-
-@pytest.mark.parametrize("section", SECTIONS)
-@pytest.mark.parametrize("compiled", [False, True])
-@settings(max_examples=20, deadline=None)
-@given(seed=st.integers(0, 2**31), size=st.floats(-9.0, 0.0))
-def test_segments(section, compiled, seed, size):
-    """Recorded segments are those of the engine, where their series reach and beyond."""
-    beams = [
-        Beam(np.arange(6), 0.4, SECTIONS[section]),
-        Beam(np.arange(6, 18), 0.4, SECTIONS[section]),
-    ]
-    q = np.random.default_rng(seed).uniform(-1.0, 1.0, (3, 18)) * 10.0**size
-    q[:, 2::6] *= 0.01
-    energies, gradients, hessians = segments_of_many(beams, q, compiled)
-    parts = [beam.segments(q[:, beam.indices].reshape(-1, 6)) for beam in beams]
-    expected = sum(part[0].reshape(3, -1).sum(axis=1) for part in parts)
-    np.testing.assert_allclose(energies, expected, rtol=1e-11)
-    for found, k in ((gradients, 1), (hessians, 2)):
-        shape = (3, -1, *found.shape[2:])
-        each = np.concatenate([part[k].reshape(shape) for part in parts], axis=1)
-        size_of = np.abs(each).max(axis=tuple(range(2, each.ndim)), keepdims=True)
-        assert np.all(np.abs(found - each) <= 1e-12 * size_of)

@@ -8,29 +8,22 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from tests.doors import Array
-from tests.inner import (
-    OUTPUTS,
-    WORTH_RECORDING,
-    Settings,
-    choose_quantities,
-    evaluate,
-    needed_outputs,
-)
-from tests.laws.test_many_engine import arm, assert_same
+from tests.laws.test_many_engine import OUTPUTS, arm, assert_same
 from tests.mechanisms.machines import joint, write_urdf
+from tests.support.read import asked, of_many
 
 import cartstiff
 from cartstiff import ElasticMechanism, analyse_many, analyse_posture
 
 WRENCH = np.array([1.0, 2.0, -3.0, 40.0, 50.0, -6.0])
 _FREEDOMS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
-COUNT = WORTH_RECORDING + 7
+COUNT = 107  # as many as are worth recording, and seven
 
 
 def singular(n: int, zeros: tuple[int, ...] = (4,), seed: int = 0) -> Array:
     """Some joints at zero, in all postures but the last seven."""
     q = np.random.default_rng(seed).uniform(-2.0, 2.0, (COUNT, n))
-    q[:WORTH_RECORDING, zeros] = 0.0
+    q[:-7, zeros] = 0.0
     return q
 
 
@@ -72,7 +65,7 @@ def test_springs_that_turn_the_self_motion():
 def test_nearer_and_nearer():
     """Across the limit of rank; what is near it is the engine's."""
     q = singular(6)
-    q[:WORTH_RECORDING, 4] = np.logspace(-14, -6, WORTH_RECORDING)
+    q[:-7, 4] = np.logspace(-14, -6, 100)
     elastic = cartstiff.load("ur5")
     assert_same(elastic, q, "portable", outputs=("pose", "compliance_A"), wrench=WRENCH)
 
@@ -126,7 +119,7 @@ def test_an_arm_that_is_singular_in_every_posture_is_decided_without_an_inverse(
 def test_quantities_of_maps_where_there_is_no_stiffness():
     """What `analyse` calls null is undefined; compliances are those of ``J k^-1 J^T`` by NumPy."""
     elastic = cartstiff.load("ur5")
-    settings = Settings("load", 0.3, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 3.0, 0.0, 4.0))
+    settings = asked("load", 0.3, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 3.0, 0.0, 4.0))
     of_stiffness = [
         "condition",
         "minimum",
@@ -147,12 +140,10 @@ def test_quantities_of_maps_where_there_is_no_stiffness():
         for e in ("min", "max")
     ]
     names = [*of_stiffness, *of_compliance, "along_free", "deflection"]
-    quantities = choose_quantities(names, settings, elastic)
-    q = singular(6)[:WORTH_RECORDING]
-    found = analyse_many(elastic, q, outputs=needed_outputs(quantities, settings))
+    q = singular(6)[:-7]
+    values, found = of_many(elastic, q, names, settings)
     assert found.counts() == {"serial-singularity": len(q)}
     assert found.fallback == 0
-    values = evaluate(quantities, found.arrays, settings)
     answer = analyse_posture(cartstiff.analyse(elastic, q[0]), length=0.3)
     assert answer["indices"] is answer["stiffness"] is None
     for name in of_stiffness:
@@ -207,12 +198,8 @@ def test_a_body_that_translates_does_not_turn(tmp_path, tilt):
     along = [d["along"]["free"] for d in answer["directions"]]
     assert along == [pytest.approx(1e4), None, pytest.approx(1e4 / 0.8**2)]
     assert [d["about"]["free"] for d in answer["directions"]] == [None] * 3
-    settings = Settings("load")
     names = ("compliance_translation_held_max", "compliance_rotation_free_max")
-    quantities = choose_quantities(names, settings, elastic)
-    outputs = needed_outputs(quantities, settings)
-    many = analyse_many(elastic, np.zeros((3, 2)), outputs=outputs)
-    values = evaluate(quantities, many.arrays, settings)
+    values, _ = of_many(elastic, np.zeros((3, 2)), names, asked("load"))
     assert values[names[0]] == pytest.approx([1e-4] * 3, rel=1e-12)
     assert np.array_equal(values[names[1]], [0.0] * 3)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.doors import Array, with_rest_balancing
-from tests.inner import MountedStruts, strut_states
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
@@ -101,29 +100,3 @@ def test_struts_that_take_a_load_together_come_to_rest_together():
     at = struts.many(poses, gradients, True)
     assert np.asarray(at.is_found).all()
     np.testing.assert_allclose(at.wrench.sum(axis=1), gradients, rtol=0, atol=1e-8)
-
-
-def test_recorded_steps_are_the_search():
-    elastic = hexapod()
-    q = postures(elastic, 0.02, 60)
-    poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ elastic.mechanism.T_P_M
-    gradients = np.random.default_rng(1).normal(size=(60, 6)) * [0.1, 0.1, 0.1, 10, 10, 10]
-    found, is_known = strut_states(elastic.springs, poses, gradients, True)
-    expected = elastic.springs.many(poses, gradients, True)
-    assert is_known.mean() > 0.9
-    for name, digits in (
-        ("energy", 1e-10),
-        ("wrench", 1e-8),
-        ("stiffness", 1e-11),
-        ("rest_length", 1e-12),
-    ):
-        a, b = getattr(found, name), getattr(expected, name)[is_known]
-        np.testing.assert_allclose(a, b, rtol=0, atol=digits * np.abs(b).max(), err_msg=name)
-
-
-def test_struts_on_a_base_that_gives_are_left_to_their_own_search():
-    elastic = hexapod()
-    q = postures(elastic, 0.001, 3)
-    poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ elastic.mechanism.T_P_M
-    mounted = MountedStruts.of(elastic.springs, None, None)
-    assert not strut_states(mounted, poses, np.zeros((3, 6)), False)[1].any()

@@ -13,19 +13,12 @@ a posture, maps and page included, is compared.
 
 from __future__ import annotations
 
-import json
 import re
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from tests.doors import Chain, Closure, numerics, plain_tree
-from tests.inner import (
-    Answer,
-    Settings,
-    choose_quantities,
-    evaluate,
-)
 from tests.support import (
     add_frame,
     hexagons,
@@ -36,7 +29,8 @@ from tests.support import (
     spread_springs,
     translation,
 )
-from tests.support.pages import numbers_shown, source_of, state_of, tab_of
+from tests.support.pages import page_answer, source_of
+from tests.support.read import asked, of_many
 
 import cartstiff
 from cartstiff import (
@@ -177,11 +171,8 @@ def _numbers_of_maps(elastic, q, w, settings):
         "minimum",
         "deflection",
     )
-    chosen = choose_quantities(names, settings, elastic)
-    outputs = {o for quantity in chosen for o in quantity.outputs(settings)}
-    outputs |= {"compliance_load", "stiffness_load", "compliance_A", "wrench"}
-    many = analyse_many(elastic, np.array([q, q]), wrench=w, outputs=sorted(outputs))
-    values = evaluate(chosen, many.arrays, settings)
+    outputs = ("compliance_load", "stiffness_load", "compliance_A", "wrench")
+    values, many = of_many(elastic, np.array([q, q]), names, settings, w, outputs)
     return {n: v[1] for n, v in values.items()}, {n: a[1] for n, a in many.arrays.items()}, many
 
 
@@ -283,7 +274,7 @@ def check_posture(name, load, distance, decades, seed):
         at_origin = cartstiff.analyse(elastic, q, wrench=result.wrench)
     lost = max(promised(at_origin, "compliance"), promised(result, "compliance"))
     direction = np.array([0.6, 0.0, 0.8])
-    settings = Settings("load", 0.3, tuple(direction), tuple(w))
+    settings = asked("load", 0.3, tuple(direction), tuple(w))
     many_wrench = None if wrench is None else result.wrench
     numbers, arrays, many = _numbers_of_maps(elastic, q, many_wrench, settings)
     single = analyse_posture(
@@ -344,17 +335,10 @@ def check_posture(name, load, distance, decades, seed):
         moved = np.linalg.norm(single["deflection"]["displacement"])
         _same(numbers["deflection"], moved, tolerance, "deflection")
     # 4. The page.
-    session = tab_of(source_of(elastic))
-    state = state_of(q=q.tolist(), quantity="compliance")
+    state = {"q": q.tolist(), "quantity": "compliance"}
     if wrench is not None:
-        state = state.model_copy(
-            update={
-                "load": tuple(w),
-                "load_kind": how["load_kind"],
-                "load_at": tuple(how["load_at"]),
-            }
-        )
-    shown = json.loads(Answer(numbers_shown(session.result(state), state)).pack()[4:])
+        state |= {"load": list(w), **how, "load_at": list(how["load_at"])}
+    shown = page_answer(source_of(elastic), "numbers", state)["numbers"]
     told = {n["code"] for n in shown["result"]["notes"]}
     assert told == _codes(result)
     if C is not None:

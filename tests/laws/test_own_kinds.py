@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from meshcat import Visualizer
 from tests.doors import Parameters
-from tests.inner import ViewerNode, exp, log
-from tests.inner import se3_inverse as inverse
 from tests.view.viewer import Viewer
 
 import cartstiff
@@ -27,6 +26,7 @@ from cartstiff.extend import (
     in_units,
     jacobian,
 )
+from cartstiff.geometry import se3
 from cartstiff.scene import Appearance, RecordingWindow, Scene
 
 Q = np.array([0.3, 0.2, 0.4, -0.5, 0.1, 0.7])
@@ -51,9 +51,9 @@ class Crane(Mechanism):
         T = np.eye(4)
         T[:2, :2] = [[np.cos(q[0]), -np.sin(q[0])], [np.sin(q[0]), np.cos(q[0])]]
         T[:3, 3] = [self.arm * np.cos(q[0]), self.arm * np.sin(q[0]), q[1]]
-        wrist = exp(np.append(q[2:5], [0.0, 0.0, 0.0]))
+        wrist = se3.exp(np.append(q[2:5], [0.0, 0.0, 0.0]))
         wrist[0, 3] = 0.25 * self.arm
-        return T @ wrist @ exp(q[5] * np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.1 * self.arm]))
+        return T @ wrist @ se3.exp(q[5] * np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.1 * self.arm]))
 
     def at(self, q: Any) -> CranePosture:
         return CranePosture(self, self.checked(q))
@@ -70,10 +70,10 @@ class CranePosture(MechanismPosture):
         self.q, self._crane, self.pose = q, crane, crane.pose(q)
         self.length = crane.arm
         self.coordinate_lengths = np.where([c.is_length for c in crane.coordinates], crane.arm, 1)
-        back = inverse(self.pose)
+        back = se3.inverse(self.pose)
 
         def x(step: Any) -> Any:
-            return log(back @ crane.pose(q + step))
+            return se3.log(back @ crane.pose(q + step))
 
         def curvature(w: Any) -> Any:
             return gradient_and_hessian(lambda d: float(w @ x(d)), self.coordinate_lengths)[1]
@@ -184,7 +184,7 @@ def test_an_own_energy_has_its_share_beside_legs() -> None:
 
 def test_scene_and_report_draw_what_it_says() -> None:
     window = RecordingWindow()
-    scene = Scene(ViewerNode(window, "/meshcat"), crane())
+    scene = Scene(Visualizer(window=window), crane())
     scene.draw(cartstiff.analyse(crane()), Appearance())
     viewer = Viewer(window.take())
     rods = [path for path in viewer.places if "/paths/line" in path and path.endswith("/rod")]

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.doors import with_rest_balancing
-from tests.inner import kernels
 from tests.support.generated import Arm, FourBar
 
 import cartstiff
@@ -707,23 +706,3 @@ def test_c_bends_links_to_rest(name, scales, tmp_path):
         core = cartstiff.analyse(elastic, q, wrench=load)
         close(out[:36].reshape(6, 6), core.matrices["B"], 1e-9)
     assert function(elastic.q.copy(), 1e6 * LOAD, out)
-
-
-@pytest.mark.parametrize("name", ["6-pus", *later("flexible_arm")])
-def test_many_take_the_steps_of_a_call(name):
-    """Chains are closed and links bent by the code of the program: no other is made."""
-    example = Path(__file__).resolve().parents[2] / "examples" / f"{name}.yaml"
-    elastic = cartstiff.load(example if example.exists() else name)
-    is_loaded = name == "flexible_arm"
-    program = cartstiff.record(elastic, ["B", "pose"], loaded=is_loaded)
-    Q, load = postures(elastic, 6, 0.02), [LOAD] * is_loaded
-    Q[:, sorted(elastic.mechanism.virtual)] = 0.0
-    kernels._compiled.clear()
-    many = program.many(Q, *load)
-    assert not kernels._compiled
-    assert many.path == "compiled"
-    for i, q in enumerate(Q):
-        answer = program(q, *load)
-        close(many.q[i], answer.q, 1e-11)
-        close(many.B[i], answer["B"])
-    assert f"{many.fallback} by the engine" in repr(many) or not many.fallback

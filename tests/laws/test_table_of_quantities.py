@@ -12,21 +12,11 @@ from functools import partial
 import numpy as np
 import pytest
 from tests.doors import LoadKind, compliance_ellipsoid
-from tests.inner import (
-    FREQUENCIES,
-    READINGS,
-    ManyModes,
-    Settings,
-    choose_quantities,
-    evaluate,
-    needed_outputs,
-    unit_of,
-)
-from tests.support.read import frequencies, readable
+from tests.support.read import asked, frequencies, of_many, readable
 from tests.support.read import read as read_recorded
 
 import cartstiff
-from cartstiff import InputError, analyse_many, analyse_posture, modes
+from cartstiff import InputError, analyse_posture, modes
 from cartstiff.extend import QUANTITIES, Platform
 from cartstiff.vibration import Damping
 
@@ -156,7 +146,7 @@ def _asked(name):
     robot, wrench, connection = (CASES | MORE_CASES)[name]
     elastic = cartstiff.load(robot)
     load = LoadKind("dead", (0.0, 0.02, 0.05)) if connection == "load" else LoadKind()
-    settings = Settings(
+    settings = asked(
         connection,
         LENGTH,
         DIRECTION,
@@ -171,17 +161,10 @@ def _asked(name):
 def test_every_quantity_has_a_way_to_it_here():
     of_drives = {"effort_margin", "largest_load"}  # test_capacity.py
     assert set(SINGLE) | OF_MODES | of_drives == set(QUANTITIES)
-    assert set(READINGS) == {n for n, q in QUANTITIES.items() if q.is_recorded}
-    assert set(QUANTITIES) - set(READINGS) == {
+    assert {n for n, q in QUANTITIES.items() if not q.is_recorded} == {
         "connection_change",
         *(n for n in OF_MODES if n.startswith("damping")),
     }
-
-
-def test_units_are_those_of_the_analysis():
-    for name, way in SINGLE.items():
-        if isinstance(way, PathOfAnalysis):
-            assert unit_of(way.path) == QUANTITIES[name].unit, name
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -218,16 +201,10 @@ def _compared(name, q):
     of_jacobian = {"singular_value_ratio", "manipulability"}
     without = of_jacobian if elastic.mechanism.kind in ("closed-chain", "parallel") else set()
     names = tuple(n for n in SINGLE if n not in without)
-    chosen = choose_quantities(names, settings, elastic)
     acting = {"wrench": wrench, "load_kind": load.kind, "load_at": load.at}
-    outputs = needed_outputs(chosen, settings)
-    arrays = analyse_many(elastic, q, outputs=outputs, **acting).arrays
-    lengths = np.array([c.is_length for c in elastic.mechanism.coordinates])
-    if isinstance(elastic.mechanism, Platform):
-        lengths[:] = True
-    found = evaluate(chosen, arrays, settings, lengths)
+    found, _ = of_many(elastic, q, names, settings, wrench)
     given = None if wrench is None else np.array(wrench)
-    recorded = tuple(n for n in names if n in READINGS)
+    recorded = tuple(n for n in names if QUANTITIES[n].is_recorded)
     recorded = readable(elastic, recorded, given)
     read = read_recorded(elastic, recorded, q, settings, given) if recorded else None
     with np.errstate(all="ignore"):
@@ -276,13 +253,11 @@ def test_modes_of_one_posture_of_stacks_and_of_recorded_numbers_agree(name):
         wrench = (0.0, 0.0, 0.0, *wrench[3:])
     q = _postures(elastic, 24)[4:10]
     names = tuple(sorted(OF_MODES))
-    chosen = choose_quantities(names, settings, elastic)
     acting = {"load_kind": load.kind, "load_at": load.at}
     given = None if wrench is None else np.array(wrench)
-    swing = ManyModes(elastic, q, given, acting)
-    found = evaluate(chosen, {}, settings, None, swing)  # one by one
+    found, _ = of_many(elastic, q, names, settings, wrench)  # one by one
     by_matrices = frequencies(elastic, q, given, acting)
-    wanted = tuple(n for n in names if n in FREQUENCIES)
+    wanted = tuple(n for n in names if QUANTITIES[n].is_recorded)
     read = read_recorded(elastic, wanted, q, settings, given)
     assert read.is_known.any()
     for i, posture in enumerate(q):

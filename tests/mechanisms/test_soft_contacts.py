@@ -146,20 +146,3 @@ def test_what_does_not_fit_is_refused(tmp_path, change, words):
     data["legs"][0] |= change
     with pytest.raises(InputError, match=words):
         load(write_file(tmp_path, "grasp", **data))
-
-
-def test_springs_that_were_found_are_written_where_the_contact_has_them(tmp_path):
-    from tests.inner import _put_joints
-
-    data = data_of({"normal": 3000, "tangential": 2000, "spin": 0.5})
-    elastic = load(write_file(tmp_path, "grasp", **data))
-    found = {"leg2/contact.tz": 4000.0, "leg2/contact.ty": 2500.0, "leg2/contact.z": 0.7}
-    leg = data["legs"][1]
-    _put_joints(leg, elastic.with_springs(found), "leg2/")
-    expected = {"normal": 4000.0, "tangential": [2000.0, 2500.0], "spin": 0.7}
-    for key, value in expected.items():
-        np.testing.assert_allclose(leg["contact_stiffness"][key], value, rtol=1e-12)
-    again = load(write_file(tmp_path, "again", **data))
-    assert again.springs.stiffness.tolist() == pytest.approx(
-        elastic.with_springs(found).springs.stiffness.tolist()
-    )

@@ -14,7 +14,6 @@ from tests.doors import (
     Uncertain,
     characteristic_length,
     compliance_deflection,
-    inertia_metric,
     isotropy,
     joint_shares,
     length_from_inertia,
@@ -28,7 +27,6 @@ from tests.doors import (
     twist_compliant_axes,
     wrench_compliant_axes,
 )
-from tests.inner import modes
 from tests.support.printed import text_of
 
 from cartstiff.analysis import (
@@ -172,12 +170,6 @@ def test_lengths() -> None:
     unit = characteristic_length(np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 0.0]))
     assert (unit.origin, unit.value) == ("unit", 1.0)
     assert "none is natural" in unit.reason
-
-
-def test_modes_are_the_natural_frequencies_of_a_body_on_springs() -> None:
-    K = np.diag([3.0, 4.0, 5.0, 60.0, 80.0, 100.0])
-    found = modes(K, inertia_metric(2.0, np.diag([0.1, 0.2, 0.25])))
-    assert np.allclose(found.eigenvalues, [20, 20, 30, 30, 40, 50])
 
 
 # -- a chain whose second derivatives are known from its chart -------------------------------------

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from tests.doors import block_ellipsoid
-from tests.inner import Settings, choose_quantities, evaluate
 from tests.support.pages import numbers_shown, state_of
 from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import analyse_posture
+from cartstiff.maps import Trajectory, map_of
 
 MOMENT = [3.0, -5.0, 2.0, 40.0, -30.0, -120.0]
 U = np.array([0.48, -0.6, 0.64])
@@ -40,18 +42,14 @@ def test_analysis_page_picture_and_map_read_the_same(loaded):
     C = np.linalg.inv(K)
     blocks = {"translation": slice(3, 6), "rotation": slice(0, 3)}
     table = analyse_posture(loaded)["ellipsoids"]
-    arrays = {
-        name: np.array(value)[None]
-        for name, value in {
-            "stiffness_load": K,
-            "compliance_load": loaded.tangent_compliance,
-            "compliance_B": loaded.compliances["B"],
-            "wrench": loaded.wrench,
-            "pose": loaded.pose,
-            "stiffness_A": loaded.matrices["A"],
-        }.items()
-    }
-    settings = Settings("load", load=loaded.load)
+    names = [
+        f"{prefix}{freedom}_{others}_{end}"
+        for prefix, freedom, others, end in product(
+            ("", "compliance_"), blocks, ("held", "free"), ("min", "max")
+        )
+    ]
+    here, load = Trajectory(loaded.q[None]), {"wrench": MOMENT, "load_kind": loaded.load.kind}
+    found = map_of(loaded.elastic, here, names, connection="load", **load).compute()
     for freedom, block in blocks.items():
         held = np.linalg.eigvalsh(0.5 * (K + K.T)[block, block])
         free = np.linalg.eigvalsh(0.5 * (C + C.T)[block, block])
@@ -67,9 +65,8 @@ def test_analysis_page_picture_and_map_read_the_same(loaded):
             drawn = block_ellipsoid(loaded.at(), "load", quantity, freedom, others)
             assert drawn.eigenvalues == near
             prefix = "" if quantity == "stiffness" else "compliance_"
-            names = [f"{prefix}{freedom}_{others}_{end}" for end in ("min", "max")]
-            found = evaluate(choose_quantities(names, settings, loaded.elastic), arrays, settings)
-            assert [found[n][0] for n in names] == pytest.approx(values[[0, 2]], rel=1e-8)
+            ends = [float(found[f"{prefix}{freedom}_{others}_{end}"][0]) for end in ("min", "max")]
+            assert ends == pytest.approx(values[[0, 2]], rel=1e-8)
         for quantity, others in truth:
             state = state_of(connection="load", quantity=quantity, others=others)
             page = numbers_shown(loaded, state)

@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from tests.doors import Chain, plain_tree
-from tests.inner import Settings, choose_quantities, evaluate
 from tests.support import add_frame, promised, random_pose, translation
 from tests.support.digits import matrix, skew, turned
 from tests.support.printed import text_of
+from tests.support.read import asked, of_many
 
 import cartstiff
 from cartstiff import ElasticMechanism, JointSprings, analyse_many, analyse_posture
@@ -210,7 +210,7 @@ def test_what_is_free_near_a_singularity(distance):
         scale = mp.diag([length] * 3 + [1] * 3)
         softness = sorted(float(x) for x in mp.svd_r(scale * J * root, compute_uv=False))
     free = np.sort(1 / np.linalg.eigvalsh(C[3:, 3:]))
-    settings = Settings(length=length, direction=(0.0, 0.0, 1.0))
+    settings = asked(length=length, direction=(0.0, 0.0, 1.0))
     answer = analyse_posture(result, length=length, direction=[0, 0, 1])
     found = answer["ellipsoids"]["stiffness"]["translation"]["free"]["eigenvalues"]
     assert found == pytest.approx(free, rel=1e-9)
@@ -234,10 +234,7 @@ def test_what_is_free_near_a_singularity(distance):
         "isotropy",
         "minimum",
     )
-    quantities = choose_quantities(names, settings, elastic)
-    outputs = sorted({o for quantity in quantities for o in quantity.outputs(settings)})
-    many = analyse_many(elastic, np.array([q, q]), outputs=outputs)
-    values = evaluate(quantities, many.arrays, settings)
+    values, _ = of_many(elastic, np.array([q, q]), names, settings)
     expected = (free[0], free[-1], given["along"]["free"], condition, isotropy, softness[-1] ** -2)
     for name, value in zip(names, expected, strict=True):
         assert values[name][0] == pytest.approx(value, rel=10 * known), name
@@ -292,12 +289,10 @@ def test_principal_values_of_stiff_springs_near_a_singularity(joints, loaded, de
         "condition": (condition, 2 * known),
         "unstable_directions": (0.0, 0.0),
     }
-    settings = Settings("B", length)
-    quantities = choose_quantities(tuple(wanted), settings, elastic)
-    outputs = sorted({o for quantity in quantities for o in quantity.outputs(settings)})
-    many = analyse_many(elastic, q[None], wrench=W if loaded else None, outputs=outputs)
+    load = W if loaded else None
+    values, many = of_many(elastic, q[None], tuple(wanted), asked("B", length), load)
     assert many.is_regular.all() or many.counts() == {"ill-conditioned": 1}
-    for name, (value,) in evaluate(quantities, many.arrays, settings).items():
+    for name, (value,) in values.items():
         assert value == pytest.approx(wanted[name][0], rel=wanted[name][1]), name
 
 
@@ -348,11 +343,7 @@ def test_what_neither_matrix_knows_is_no_number():
     assert answer["definiteness"] is None
     assert "ill-conditioned" in {n["code"] for n in answer["notes"]}
     assert "indices, angles" not in text_of(answer, elastic.units.to_dict())
-    settings = Settings("B", 0.3)
-    quantities = choose_quantities(("minimum", "condition"), settings, elastic)
-    outputs = sorted({o for quantity in quantities for o in quantity.outputs(settings)})
-    many = analyse_many(elastic, q[None], wrench=W, outputs=outputs)
-    values = evaluate(quantities, many.arrays, settings)
+    values, _ = of_many(elastic, q[None], ("minimum", "condition"), asked("B", 0.3), W)
     assert np.isnan(values["minimum"]).all()
     assert np.isnan(values["condition"]).all()
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.inner import Settings, choose_quantities, evaluate
 from tests.support import hexagons, platform_mechanism, spread_springs
 from tests.support.digits import skew
+from tests.support.read import asked, of_many
 
 import cartstiff
-from cartstiff import DeadForce, analyse_many, analyse_posture, equilibrium
+from cartstiff import DeadForce, analyse_posture, equilibrium
 
 CORNERS = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
 
@@ -79,12 +79,8 @@ def test_compliance_near_a_type_2_singularity(distance, decades, loaded):
         return
     assert answer["free"]["eigenvalues"][0] == pytest.approx(softest, rel=known)
     assert answer["held"]["eigenvalues"][0] == pytest.approx(held, rel=max(1e-8, 100 * known))
-    quantities = choose_quantities(
-        ("translation_free_min", "translation_held_min"), Settings("B", 0.3), elastic
-    )
-    outputs = sorted({o for quantity in quantities for o in quantity.outputs(Settings("B", 0.3))})
-    many = analyse_many(elastic, elastic.q[None], wrench=W, outputs=outputs)
-    values = evaluate(quantities, many.arrays, Settings("B", 0.3))
+    names = ("translation_free_min", "translation_held_min")
+    values, _ = of_many(elastic, elastic.q[None], names, asked("B", 0.3), W)
     assert values["translation_free_min"][0] == pytest.approx(softest, rel=known)
     assert values["translation_held_min"][0] == pytest.approx(held, rel=max(1e-8, 100 * known))
     again = pickle.loads(pickle.dumps(result))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from cartstiff import (
@@ -13,9 +14,8 @@ from cartstiff import (
     Workspace,
 )
 from cartstiff.identify import Identification
-from tests.inner import TITLES as TITLES
-from tests.inner import VERDICTS as VERDICTS
 from tests.inner import (
+    SENTENCES,
     answer_at,
     answer_of_compensation,
     answer_of_curve,
@@ -28,6 +28,8 @@ from tests.inner import (
     describe_equilibrium,
     summary_text,
 )
+from tests.inner import TITLES as TITLES
+from tests.inner import VERDICTS as VERDICTS
 
 #: What makes the text of each kind of result, or its answer.
 TEXTS = {PostureStiffness: describe, Equilibrium: describe_equilibrium, dict: summary_text}
@@ -52,3 +54,9 @@ def text_of(result: Any, *more: Any, **how: Any) -> str:
 def sentences_of(result: PostureStiffness) -> list[str]:
     """The sentences of a posture's answer."""
     return list(answer_sentences(answer_at(result)))
+
+
+def fixed_words(code: str) -> list[str]:
+    """What a statement's sentence says whatever its numbers are."""
+    parts = re.split(r"\{[^}]*\}", SENTENCES[code])
+    return [words.strip() for words in parts if words.strip()]

@@ -1,4 +1,4 @@
-"""Quantities of many postures by recorded arithmetic, without their matrices."""
+"""Quantities of many postures, by recorded arithmetic and by their matrices."""
 
 from __future__ import annotations
 
@@ -6,9 +6,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cartstiff import ElasticMechanism
+from cartstiff import ElasticMechanism, Postures, analyse_many
+from cartstiff.extend import Platform
 from tests.doors import LoadKind
-from tests.inner import PLAIN, OwnOutputs, Recording, Settings, frequency_name
+from tests.inner import (
+    PLAIN,
+    ManyModes,
+    OwnOutputs,
+    Recording,
+    Settings,
+    choose_quantities,
+    evaluate,
+    frequency_name,
+)
+
+#: What quantities refer to: connection, length, direction, added wrench, ...
+asked = Settings
 
 
 class Read(NamedTuple):
@@ -32,11 +45,12 @@ def recording(
     settings: Settings,
     wrench: Any,
     axes: Any = "body",
+    backend: Any = "auto",
 ) -> Recording:
     """Poses and quantities over NumPy arrays."""
     own = OwnOutputs(quantities=names, settings=settings)
     acting = wrench is not None, settings.load, axes
-    return Recording(elastic, ("pose",), own, *acting, backend="auto")
+    return Recording(elastic, ("pose",), own, *acting, backend=backend)
 
 
 def read(
@@ -46,14 +60,35 @@ def read(
     settings: Settings | None = None,
     wrench: Any = None,
     axes: Any = "body",
+    backend: Any = "auto",
 ) -> Read:
     """Quantities; all of them have to be recorded."""
-    asked = recording(elastic, names, settings or Settings(), wrench, axes)
+    asked = recording(elastic, names, settings or Settings(), wrench, axes, backend)
     assert not asked.from_matrices
     known: list[np.ndarray] = []
     asked._fill_others = lambda *given: (known.append(given[6] == PLAIN), ([""], 0, ""))[1]
     found = asked.postures(q, None if wrench is None else np.array(wrench))
     return Read(found.arrays, found.q, known[0])
+
+
+def of_many(
+    elastic: ElasticMechanism,
+    q: np.ndarray,
+    names: Any,
+    settings: Settings,
+    wrench: Any = None,
+    outputs: Any = (),
+    axes: Any = "body",
+) -> tuple[dict[str, np.ndarray], Postures]:
+    """Quantities of a map from the matrices of its postures, and those postures."""
+    chosen = choose_quantities(names, settings, elastic)
+    needed = {*outputs, "pose", *(o for quantity in chosen for o in quantity.outputs(settings))}
+    acting = {"load_kind": settings.load.kind, "load_at": settings.load.at, "load_axes": axes}
+    many = analyse_many(elastic, q, wrench=wrench, outputs=sorted(needed), **acting)
+    kinds = elastic.mechanism.coordinates
+    lengths = np.array([c.is_length or isinstance(elastic.mechanism, Platform) for c in kinds])
+    swing = ManyModes(elastic, many.q, None if wrench is None else np.array(wrench), acting)
+    return evaluate(chosen, many.arrays, settings, lengths, swing), many
 
 
 def frequencies(

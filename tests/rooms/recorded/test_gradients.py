@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.doors import LoadKind, derivative_with_error
-from tests.inner import OfFunction, OfQuantity, Settings
+from tests.inner import OfFunction, OfQuantity, Settings, largest
 from tests.inner import gradient_Question as _Question
+from tests.inner import gradients_matrices as matrices
+from tests.laws.test_gradients import WRENCH
 from tests.support.builders import general_legs, legs_as_platform, legs_as_tree, loaded_arm
 
 import cartstiff
@@ -200,3 +202,38 @@ def _complex_steps(sweep: Any, given: dict[str, np.ndarray]) -> dict[str, np.nda
     ends = [np.imag(at[x.step]) / h if hasattr(x, "step") else 0.0 for x in sweep._numbers]
     rows = np.array([np.broadcast_to(end, sum(sizes.values())) for end in ends])
     return dict(zip(sizes, np.split(rows, np.cumsum([*sizes.values()])[:-1], axis=1), strict=True))
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "hexapod", "6-ups"])
+@pytest.mark.parametrize("wrench", [None, WRENCH])
+def test_sensitivities_are_exact_and_those_of_the_core(name, wrench):
+    """All matrices, the pose and the frequencies, against difference quotients."""
+    check_matrices(cartstiff.analyse(cartstiff.load(name), wrench=wrench))
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "hexapod", "6-ups", "five-bar"])
+def test_what_comes_to_rest_again_is_exact_and_that_of_the_core(name):
+    """The same of equilibria, whose pose moves too."""
+    load = cartstiff.DeadForce([10.0, -20.0, 0.0])
+    check_matrices(cartstiff.equilibrium(cartstiff.load(name), load))
+
+
+def check_matrices(subject: Any) -> None:
+    """Compare exact derivatives with the quotients of other answers."""
+    question = matrices._Question(subject, matrices.modes_of(subject))
+    parameters = question.parameters
+    names = list(parameters.nominal)
+    exact = question._exact(names)
+    assert len(exact) == len(names)
+    for name in names[:: max(1, len(names) // 6)]:
+        quotient = parameters.quotient(name, question.seen, question.here)
+        size = parameters.size(name)
+        result = question.result
+        scales = largest(question.here[0]), result.posture.length, 0.0
+        seen, known = (
+            question._told([name], [row.slopes], np.array([row.error]))
+            for row in (exact[name], quotient)
+        )
+        for got, wanted, scale in zip(seen, known, scales, strict=True):
+            least = 1e-7 * (scale or np.abs(got).max(initial=1.0) * size)
+            np.testing.assert_allclose(got * size, wanted * size, rtol=1e-6, atol=least)

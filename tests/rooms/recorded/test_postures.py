@@ -11,6 +11,7 @@ from tests.inner import RecordedPostures
 from tests.support.pages import message_of, numbers_shown, source_of, state_of, tab_of
 
 import cartstiff
+import cartstiff as cs
 from cartstiff import ConvergenceError
 
 WRENCH = np.array([4.0, -3.0, 2.0, 20.0, 30.0, -40.0])
@@ -138,3 +139,21 @@ def test_a_session_records_each_kind_of_load_that_it_was_asked_for():
         message_of('{"id": 2, "do": "draw", "state": {"payload": [2.0, 0.0, 0.0, 0.1]}}')
     )
     assert session.postures is not other  # another mechanism, with programs of its own
+
+
+def test_a_recorded_posture_doubts_the_forces_that_the_core_doubts():
+    """A page asks whether a limit may be passed, and for forces only then."""
+    ur5 = cs.load("ur5")
+    recorded = RecordedPostures(ur5)
+    recorded.posture(ur5.q, np.array([0, 0, 0, 0, 0, -1.0]), DEAD_AT_ORIGIN, "world")
+    recorded.record().join()
+    rng, doubted = np.random.default_rng(8), []
+    for size in np.linspace(-700.0, 700.0, 57):
+        q, wrench = ur5.q + rng.uniform(-0.4, 0.4, 6), np.array([0, 0, 0, 0, 0, size])
+        quick = recorded.posture(q, wrench, DEAD_AT_ORIGIN, "world")
+        core = cs.analyse(ur5, q, wrench=wrench, load_axes="world")
+        each = [[n.message for n in r.notes if n.code == "force-limits"] for r in (quick, core)]
+        assert each[0] == each[1], size
+        doubted.append(bool(each[0]))
+    assert any(doubted)
+    assert not all(doubted)

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.doors import candidates, unknowns_of
-from tests.identify.campaigns import SPRINGS, arm, load, simulated
-from tests.inner import Model, information, linear_fit, table_text
-from tests.inner import plan_plan as plan
+from tests.identify.campaigns import SPRINGS, arm, load, model_of, plan, simulated
+from tests.inner import information, linear_fit, table_text
 from tests.support.commands import answer, run
 
 import cartstiff
@@ -78,7 +77,7 @@ def test_no_row_stands_near_a_singularity():
     chosen = plan(unknowns_of(elastic), found, 6)
 
     def moved(rows):
-        return np.abs(Model(chosen.unknowns, rows).at(chosen.unknowns.nominal)[0])
+        return np.abs(model_of(chosen.unknowns, rows).at(chosen.unknowns.nominal)[0])
 
     assert moved(chosen.rows).max() < 10.0 * np.median(moved(found).reshape(-1, 2).max(axis=1))
 
@@ -107,7 +106,7 @@ def test_realised_intervals_are_as_wide_as_predicted(name, rows, columns, force)
     size = 0.05 * force / elastic.springs.stiffness.max()
     found = candidates(elastic, dict.fromkeys(columns, size), count=400, force=force)
     chosen = plan(unknowns, found, rows)
-    model = Model(unknowns, chosen.rows)
+    model = model_of(unknowns, chosen.rows)
     y, A = model.at(unknowns.nominal)
     seen = replace(model.observations, deviation=np.full(len(y), np.nan))
     rng, widths = np.random.default_rng(1), []

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.doors import balanced, decomposed
-from tests.inner import Problem, reduction
+from tests.doors import balanced, decomposed, numerics
+from tests.inner import Problem, _inverse, reduction, threads
 from tests.inner import motions_motions as motions
 from tests.support.oracles import relative_error
 
 import cartstiff
+from cartstiff import UndefinedError
 
 W = np.array([3.0, -2.0, 1.0, 20.0, -10.0, 50.0])
 
@@ -79,8 +80,55 @@ def _least_energy(H, N, J, u):
 
 
 def test_equations_have_the_numbers_of_the_theory_page():
-    page = (Path(__file__).parents[2] / "docs" / "theory.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "theory.md").read_text(encoding="utf-8")
     labels = re.findall(r"^\$\$ \(([a-z-]+)\)$", page, re.MULTILINE)
     cited = re.findall(r"`([a-z-]+)` \((\d+)\)", reduction.__doc__)
     assert len(cited) == 4
     assert {name: labels.index(name) + 1 for name, _ in cited} == {n: int(i) for n, i in cited}
+
+
+def test_motions_that_cannot_be_told_apart_are_named():
+    with pytest.raises(UndefinedError, match="singular in more than one way") as refused:
+        _inverse(np.array([[1.0, 0.0], [0.0, 0.0]]), np.ones(2))
+    assert refused.value.code == "ill-conditioned"
+
+
+def _threads():
+    return [library.get_num_threads() for library in threads._blas()]
+
+
+def test_one_thread_of_blas_in_the_reduction_of_many_coordinates(monkeypatch):
+    """Those of the process are as before once the last has come out, in whatever order."""
+    import scipy.linalg  # noqa: F401 - with the BLAS that it brings
+
+    before, seen = _threads(), list[int]()
+    inner = reduction._reduced
+
+    def watched(*given):
+        seen.extend(_threads())
+        return inner(*given)
+
+    monkeypatch.setattr(reduction, "_reduced", watched)
+    try:
+        for library in threads._blas():
+            library.set_num_threads(2)
+        usual = _threads()
+        cartstiff.analyse(cartstiff.load("6-ups"))
+        assert set(seen) == {1}
+        assert _threads() == usual
+        first, second, few = (numerics.one_thread(rows) for rows in (45, 45, 6))
+        with few:
+            assert _threads() == usual
+        first.__enter__()
+        second.__enter__()
+        first.__exit__(None, None, None)
+        assert set(_threads()) == {1}
+        second.__exit__(None, None, None)
+        assert _threads() == usual
+        # Many small matrices in a row, whatever their size.
+        with numerics.one_thread(), numerics.one_thread(6), numerics.one_thread():
+            assert set(_threads()) == {1}
+        assert _threads() == usual
+    finally:
+        for library, count in zip(threads._blas(), before, strict=True):
+            library.set_num_threads(count)

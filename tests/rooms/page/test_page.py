@@ -1,8 +1,12 @@
 """A mechanism follows a hand: it arrives where it can, and says what stops it where it cannot."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
-from tests.inner import CONSTRAINT_TOLERANCE, Follower
+from tests.doors import numerics
+from tests.inner import Follower, browser_program
+from tests.laws.test_many_rigid import held
 
 import cartstiff
 from cartstiff.geometry import se3
@@ -18,7 +22,9 @@ def test_it_arrives_and_stays_near(name):
     found = Follower(elastic).follow(elastic.q, T)
     assert found.reached
     assert found.stopped == ()
-    assert np.allclose(elastic.mechanism.at(found.q).pose, T, atol=10 * CONSTRAINT_TOLERANCE)
+    assert np.allclose(
+        elastic.mechanism.at(found.q).pose, T, atol=10 * numerics.CONSTRAINT_TOLERANCE
+    )
     assert np.abs(found.q - elastic.q).max() < 0.5
 
 
@@ -61,3 +67,8 @@ def test_a_closed_chain_of_two_freedoms_follows_in_its_plane():
     found = Follower(elastic).follow(elastic.q, T, turning=False)
     pose = elastic.mechanism.closed(found.q).pose
     assert np.allclose(pose[:3, 3], T[:3, 3], atol=1e-6)
+
+
+def test_a_page_without_a_server_says_why_it_does_not_compute():
+    elastic = held("panda", 2)
+    assert "a rigid joint" in browser_program(elastic, cartstiff.analyse(elastic))
