@@ -14,6 +14,8 @@ from cartstiff import InputError
 from cartstiff.__main__ import main
 from tests import surface
 
+#: The group of commands, for those who ask click.
+command = surface.group
 #: Names of the commands.
 COMMANDS = tuple(surface.options())
 
