@@ -67,7 +67,7 @@ from cartstiff.shown.page.what_if import what_if
 from cartstiff.shown.report.analysis import summary_text
 from cartstiff.shown.report.sentences import (
     answer_sentences,
-    displacement_words,
+    settled_words,
     value_words,
     words_of,
 )
@@ -572,14 +572,11 @@ def said(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     if held and (allowed is not None or state.allowed is None):
         factor, limit = (held[0].values[key] for key in ("factor", "limit"))
         holds = {"factor": factor, "until": words_of([limit])[0]}
-    moved, settled = found.displacement, None
-    if moved is not None and not moved.is_first_order:
-        settled = next(displacement_words(found))
     sentences = answer_sentences(found)
     return {
         "answer": found.to_dict(),
         "sentences": sentences,
-        "settled": settled,
+        "settled": settled_words(found),
         "holds": holds,
     }
 

@@ -52,7 +52,7 @@ VERDICTS: dict[str, str] = {
     "near-constraint-singularity": "The closures nearly repeat each other",
     "singular-stiffness": "Singular stiffness: one motion costs nothing",
     "near-serial-singularity": "Near a singularity: one motion is almost impossible",
-    "near-type-2-singularity": "Near a singularity: one direction is hardly held",
+    "near-type-2-singularity": "Near a singularity: the drives resist some motion only weakly",
     "slack": "Slack cables carry nothing",
     "stable": "The equilibrium is stable",
     "unstable": "The equilibrium is NOT stable: the load pushes the body away",
@@ -82,8 +82,7 @@ ADVICE: dict[str, str] = {
     "direction is very stiff, and its joints must move far.",
     "type-2-singularity": "The drives cannot hold the body here, whatever they do. "
     "Choose Home, or drag the body away.",
-    "near-type-2-singularity": "The drives hardly hold one direction here. Drag the body "
-    "away, or choose Home.",
+    "near-type-2-singularity": "Drag the body away from the singularity, or choose Home.",
     "constraint-singularity": "Several motions cross here. Choose Home, or move a drive.",
     "non-regular-redundancy": "Move a drive, so that the closures become regular.",
     "unbalanced": "Give a load, or choose Home: rest positions are then chosen so that "
@@ -548,6 +547,14 @@ def displacement_words(answer: Answer) -> Iterator[str]:
     yield f"{what} {_moves(moved, answer)}{_beside(moved, units)}"
     if answer.shares is not None:
         yield share_words(answer.shares)
+
+
+def settled_words(answer: Answer) -> str | None:
+    """How far the point moves by the equilibrium, where it is not as to first order."""
+    moved = answer.displacement
+    if moved is None or moved.is_first_order:
+        return None
+    return f"By the equilibrium it {_moves(moved, answer)}"
 
 
 def is_upright(answer: Answer) -> bool:

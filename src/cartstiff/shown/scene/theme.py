@@ -155,9 +155,12 @@ def _ends(low: str, high: str) -> Array:
 
 #: Colours at equal steps of values of both signs, and of forces of legs.
 SIGNS, FORCES = _ends("negative", "positive"), _ends("compression", "tension")
-#: Colours at equal steps of shares of a deflection, from -1 to 1.
-SHARES = [255 * np.array(fractions(COLOURS["negative"])), np.array(_PALE)]
-SHARES += [255 * np.array(fractions(COLOURS["deflection"]))]
+#: Colours at equal steps of shares of a deflection, from -1 to 1, by theme: what has no
+#: share is like the ground.
+SHARES = {
+    "light": [COLOURS["negative"], hex_of(_PALE), COLOURS["deflection"]],
+    "dark": [0xFF6B66, 0x59626C, 0x35D0D8],
+}
 _FORCES: list[list[float]] = FORCES.tolist()
 
 
@@ -198,7 +201,7 @@ def style_properties() -> str:
     lists = {
         "axes": AXES,
         "sequential": [hex_of(colour) for colour in SEQUENTIAL],
-        "shares": [hex_of(colour) for colour in SHARES],
+        "shares": SHARES["light"],
         "forces": [hex_of(colour) for colour in FORCES],
         "ghost": [GHOST],
         "rest": [REST],
@@ -207,4 +210,8 @@ def style_properties() -> str:
     }
     tables = {**{name: [colour] for name, colour in COLOURS.items()}, **lists}
     rows = (f"--{n}: {','.join(f'#{c:06x}' for c in row)};" for n, row in tables.items())
-    return ":root { " + " ".join(rows) + " }\n"
+    dark = ",".join(f"#{c:06x}" for c in SHARES["dark"])
+    return (
+        ":root { " + " ".join(rows) + " }\n"
+        f":root[data-theme=dark] {{ --shares: {dark}; }}\n"
+    )

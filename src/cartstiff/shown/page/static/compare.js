@@ -254,7 +254,7 @@ export function compareCard(store) {
       ratio === null ? "" : el("span.ratio.dim", ` × ${short(ratio, 3)}`));
     table.replaceChildren(
       el("thead", el("tr", el("td"),
-        ...heads.map(([word, others], k) => el("th", { scope: "col", title: k ? `of ${symbol(store.shown)}` : null },
+        ...heads.map(([word, others], k) => el("th", { scope: "col", title: k ? `of ${symbol(store)}` : null },
           word, el("br"), el("span.unit", sizes[k][1]), others)))),
       el("tbody", line(el("b", "now"), "The current state", here.map((x, k) => cell(x, k, null)),
         store.hello.mechanisms?.length > 1 ? store.hello.mechanism.name : ""),

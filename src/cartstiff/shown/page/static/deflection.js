@@ -1,6 +1,6 @@
 // The answer: how far the load moves the point, which way, and what contributes; without a load, where it is softest.
 
-import { button, byId, el, engineering, plainly, together } from "./dom.js";
+import { button, byId, el, engineering, plainly, together, typeset } from "./dom.js";
 import { give } from "./give.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { doubts } from "./plotfiles.js";
@@ -33,7 +33,7 @@ function assumptions(store, moved) {
   const held = store.shown.load ? ""
     : "No load is given: this wrench holds the body on its springs, and without it the body moves back as far. ";
   const weighed = store.numbers.weighed ?? store.hello.mechanism.weighed;
-  return `${held}${load} at ${at}: ${result.load.meaning}. ${weighed}. To first order.`;
+  return typeset(`${held}${load} at ${at}: ${result.load.meaning}. ${weighed}. To first order.`);
 }
 
 /** The better posture that Python finds, as a pale second mechanism, with what gets worse: to be taken or left. */
@@ -154,7 +154,7 @@ export function deflectionPanel(store) {
     const { wrench } = result;
     facts();
     settle();
-    const isLoaded = Boolean(moved) || Boolean(store.shown.load?.some((x) => x));
+    const { isLoaded } = store;
     title.textContent = isLoaded ? "Under this load" : "Stiffness here";
     first.hidden = isLoaded || !store.source.moves || !store.hello.mechanism.takes_load;
     search.hidden = !store.source.live || !store.shown.load || !moved?.resisted || !moved.displacement.some((x) => x);

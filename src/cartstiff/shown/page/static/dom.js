@@ -52,8 +52,10 @@ const MINUS = "\u2212";
 /** Words with numbers as people write them: a negative one has a minus, not a hyphen. */
 export const typeset = (text) => text.replaceAll(/(?<![\w)])-(?=[\d.])/g, MINUS);
 
-/** Words of the library in the signs of the page: degrees, minus. */
-export const plainly = (words) => typeset(words.replaceAll(/ deg\b/g, "°").replaceAll(/-(?=[xyz]\b)/g, "−"));
+/** Words of the library in the signs of the page: degrees, minus, one motion or two motions. */
+export const plainly = (words) => typeset(words.replaceAll("`", "").replaceAll(/ deg\b/g, "°")
+  .replaceAll(/-(?=[xyz]\b)/g, "−")
+  .replaceAll(/\b(\d+) (\S+)\(s\)/g, (_, count, what) => `${count} ${what}${count === "1" ? "" : "s"}`));
 
 // As in `cartstiff.core.mechanisms.contract`, which a test compares.
 /** @type {[number, string][]} */

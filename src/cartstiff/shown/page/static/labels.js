@@ -7,10 +7,13 @@ const SHINING = /^(translation ellipsoid|rotation ellipsoid|deflection)$/;
 const SHINE = 0.45;
 const OVER_ALL = 15; // but labels and handles
 
-// Places around the point, in sizes of the label, nearest first.
+// How many times as wide as high labels are, about.
+const ASPECT = 6;
+// Places around the point, in sizes of the label: those whose edge is nearest first, of these whose middle is.
 const PLACES = [0, 1, 2, 3, 4, 5]
-  .flatMap((ring) => [-1.5, -1, -0.5, 0, 0.5, 1, 1.5].flatMap((x) => [-ring, ring].map((y) => [x, y])))
-  .sort((a, b) => Math.hypot(a[0], 0.7 * a[1]) - Math.hypot(b[0], 0.7 * b[1]));
+  .flatMap((ring) => [-6, -5, -4, -3, -2, 0, 2, 3, 4, 5, 6].flatMap((x) => [-ring, ring].map((y) => [x / 4, y])))
+  .map((at) => ({ at, away: Math.hypot(ASPECT * Math.max(0, Math.abs(at[0]) - 0.5), Math.max(0, Math.abs(at[1]) - 0.5))
+    + 0.1 * Math.hypot(ASPECT * at[0], at[1]) })).sort((a, b) => a.away - b.away).map(({ at }) => at);
 // Space between labels, as a share of their size.
 const GAP = 1.06;
 

@@ -13,21 +13,22 @@ const SIZES = [1, 2, 3, 4];
 /** A length of the picture. */
 const inLength = (x, unit) => (unit === "m" && Math.abs(x) < 1 ? `${short(100 * x, 3)} cm` : `${short(x, 3)} ${unit}`);
 
-/** What a radius means, by the example of the bar. */
-function radius({ scale, unit, cut }, length) {
+/** What a radius means, by the example of the bar, in the unit that the page has for a size. */
+function radius({ scale, unit, cut }, length, size) {
   if (scale.kind === "log") return `radius 0 at ${engineering(scale.zero_at, unit,
     3)}, and ${inLength(scale.length_per_decade, length.unit)} for each factor of 10 (rings)`;
   const isRoot = scale.kind === "root";
   const value = scale.value_per_length * length.bar ** (isRoot ? 2 : 1);
-  return `${inLength(length.bar, length.unit)} = ${engineering(value, unit, 3)}${isRoot ? " (square-root scale)" : ""}`
+  return `${inLength(length.bar, length.unit)} = ${engineering(value, unit, 3, size)}`
+    + (isRoot ? " (square-root scale)" : "")
     + (cut ? `; cut at ${inLength(scale.cut_at, length.unit)}: the axis marked (cut) is longer` : "");
 }
 
 /**
  * A picture's facts, as `cartstiff.scene.Scene.draw` returns them, with their words, the bar, and the scales of the
- * ellipsoids.
+ * ellipsoids. Units are those of sizes of the shown quantity, where these are given.
  */
-export function legendOf(facts) {
+export function legendOf(facts, sizes = {}) {
   const { length, wrench, tension, nodal, held_forces: held } = facts;
   const ellipsoids = Object.entries(facts.ellipsoids).filter(([, own]) => own);
   const lines = [];
@@ -37,7 +38,8 @@ export function legendOf(facts) {
   for (const [freedom, own] of ellipsoids) {
     const called = `${facts.quantity} of ${freedom} (${freedom === "translation" ? "rotation"
       : "translation"} ${facts.others})`;
-    if (own.shown) say(freedom, [`${called}: ${radius(own, length)}`, own.reason].filter(Boolean).join("; "));
+    const meant = own.shown && `${called}: ${radius(own, length, sizes[freedom])}`;
+    if (own.shown) say(freedom, [meant, own.reason].filter(Boolean).join("; "));
     else miss(called, own);
   }
   for (const [kind, first] of [["force", 3], ["moment", 0]]) {

@@ -23,9 +23,9 @@ const NAMES = ["load", "A", "B", "K", "F", "+"];
 export const sup = (name) => ({ A: "ᴬ", B: "ᴮ", K: "ᴷ", F: "ꟳ", "+": "⁺", load: " under the load" })[name]
   ?? `^${name}`;
 
-/** What a matrix of a state is called: that of its connection, or of another. */
-export const symbol = ({ quantity, connection }, name = connection) =>
-  `${quantity === "stiffness" ? "K" : "C"}${sup(name)}`;
+/** What a matrix that is shown is called: that of its connection, or of another; without a load all are one. */
+export const symbol = ({ shown: { quantity, connection }, isLoaded }, name = connection) =>
+  `${quantity === "stiffness" ? "K" : "C"}${name === "load" && !isLoaded ? "" : sup(name)}`;
 
 const six = (make) => Array.from({ length: 6 }, (_, i) => make(i));
 
@@ -131,14 +131,14 @@ export function matrixPanel(store) {
   function update() {
     if (!store.numbers) return;
     const { connection, quantity, point, axes } = store.shown;
-    const own = symbol(store.shown);
+    const own = symbol(store);
     chooseView(view);
     if (view !== "whole" || connection === "+") fold.open = true;
     views.firstChild.lastChild.textContent = quantity === "stiffness" ? "K" : "C";
     select.hidden = view !== "difference";
     const options = [...NAMES.filter((name) => name !== connection), ...store.kept.map(({ number }) => String(number))];
     if (!options.includes(other)) other = options[0];
-    const called = (name) => (/\d/.test(name) ? `state ${name}` : symbol(store.shown, name));
+    const called = (name) => (/\d/.test(name) ? `state ${name}` : symbol(store, name));
     select.offer(options.map((name) => [name, called(name)]));
     select.value = other;
     title.textContent = { whole: own, symmetric: `sym ${own}`, antisymmetric: `anti ${own}`,

@@ -80,7 +80,7 @@ export function numbersPanel(store) {
     const [low, high] = stiff ? ["softest", "stiffest"] : ["stiffest", "softest"];
     head.textContent = `Principal ${shown.quantity}`;
     table.replaceChildren(
-      el("thead", el("tr", el("td.dim", `of ${symbol(shown)}`), el("th", { scope: "col" }, low),
+      el("thead", el("tr", el("td.dim", `of ${symbol(store)}`), el("th", { scope: "col" }, low),
         el("td"), el("th", { scope: "col" }, high))),
       el("tbody", row("translation", "●", units[1][1], free), row("rotation", "◆", units[0][0], turned)));
     const { indices } = numbers;

@@ -140,7 +140,7 @@ export function picking(store) {
     if (!event || !store.numbers || pane.holding) return;
     const what = under(pane, pane.place(event), store.hello.mechanism);
     pane.light(what?.freedom ?? null);
-    point(nameOfPart(store.hello.mechanism, what));
+    point(nameOfPart(store, what));
     tip.say(what && words(store, what), event);
   }
 
@@ -152,17 +152,21 @@ export function picking(store) {
 }
 
 /** The name that a joint or a leg has among the shares; null for anything else. */
-function nameOfPart({ coordinates, springs }, what) {
-  if (what?.kind === "joint") return coordinates[what.index].name;
-  return what?.kind === "leg" ? springs[what.index]?.name ?? null : null;
+function nameOfPart({ hello: { mechanism: { coordinates, springs } }, numbers }, what) {
+  if (what?.kind === "leg") return springs[what.index]?.name ?? null;
+  if (what?.kind !== "joint") return null;
+  const { name } = coordinates[what.index];
+  const link = name.replace(/\.[^.]*$/, " (link)"); // of a flexible link, whose joints are called after it
+  return numbers.moved?.shares?.parts.some((one) => one.name === link) ? link : name;
 }
 
 /** What a part of the picture says, in a line. */
 export function words(store, what) {
   const { numbers, hello: { mechanism } } = store;
   const share = (name) => {
-    const found = numbers.moved?.shares?.parts.find((row) => row.name === name)?.share;
-    return found == null ? "" : `, ${Math.round(100 * found) || 0} % of the motion under the load`;
+    const { parts = [], of } = numbers.moved?.shares ?? {};
+    const found = parts.find((row) => row.name === name)?.share;
+    return found == null ? "" : `, ${Math.round(100 * found) || 0} % of the ${of} under the load`;
   };
   if (what.kind === "ellipsoid" || what.kind === "axis") {
     const found = numbers.principal?.[what.freedom];
@@ -175,7 +179,7 @@ export function words(store, what) {
   }
   if (what.kind === "joint") {
     const { name } = mechanism.coordinates[what.index];
-    return `${name} ${inWords(store, what.index, numbers.result.q[what.index], 5)}${share(name)}`;
+    return `${name} ${inWords(store, what.index, numbers.result.q[what.index], 5)}${share(nameOfPart(store, what))}`;
   }
   if (what.kind === "point") {
     const { label, unit, words: kinds } = store.legend.cloud;

@@ -8,24 +8,29 @@ import { between } from "./drawing.js";
 const [RADIUS, THIN, THICK, LARGER] = [0.066, 0.006, 0.02, 1.25];
 // Shares that are not named: rounded to 0 %.
 const UNSAID = 0.005;
+// What a flexible link is called, beside its name: its joints are called after it.
+const LINK = " (link)";
+// A band about a joint that slides is a sleeve: its radius and its length over those of a ring.
+const SLEEVE = [0.32, 3];
 const HEADS = { displacement: "Share of the displacement", energy: "Share of the energy" };
 
-let tables = null;
+const tables = {}; // by name and theme
 /** Red, green, blue of a share, or of a force over its limit, from -1 to 1. */
 function colourOf(name, x) {
-  tables ??= { shares: rgbs("shares"), forces: rgbs("forces") };
-  return between(tables[name], clamp(0.5 + 0.5 * x, 0, 1));
+  const key = `${name} ${document.documentElement.dataset.theme}`;
+  return between(tables[key] ??= rgbs(name), clamp(0.5 + 0.5 * x, 0, 1));
 }
 
 const shareColour = (share) => colourOf("shares", share);
 const css = (colour) => `rgb(${colour.map(Math.round).join(", ")})`;
 const percent = (share) => typeset(`${Math.round(100 * share) || 0} %`);
 
-/** The part that a row is of: joints of the tree that it moves, and the number of a leg. */
+/** The part that a row is of: joints of the tree that it moves, those within a link, the number of a leg. */
 function placesOf({ coordinates, joints, springs, platform }, name) {
-  if (platform) return { joints: [], leg: springs.findIndex((one) => one.name === name) };
-  const index = coordinates.findIndex((one) => one.name === name);
-  return { joints: [...joints.keys()].filter((j) => joints[j] === index && index >= 0), leg: -1 };
+  if (platform) return { joints: [], within: [], leg: springs.findIndex((one) => one.name === name) };
+  const those = (is) => [...joints.keys()].filter((j) => is(coordinates[joints[j]]?.name ?? ""));
+  const link = name.endsWith(LINK) && name.replace(LINK, ".");
+  return { joints: those((one) => one === name), within: link ? those((one) => one.startsWith(link)) : [], leg: -1 };
 }
 
 /** Bars up to 100 %; returns their node. */
@@ -114,7 +119,8 @@ export function sharePicture(store) {
     one.visible = true;
     at.updateWorldMatrix(true, false);
     const turned = new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().extractRotation(at.matrixWorld));
-    const axis = new THREE.Vector3(...store.hello.mechanism.axes[j]).normalize();
+    const { axes, joints, coordinates } = store.hello.mechanism;
+    const [axis, isSlide] = [new THREE.Vector3(...axes[j]).normalize(), coordinates[joints[j]].is_length];
     one.position.setFromMatrixPosition(at.matrixWorld);
     one.quaternion.copy(turned).multiply(new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 0, 1), axis));
     const thickness = (THIN + (THICK - THIN) * Math.min(1, Math.abs(share))) / RADIUS;
@@ -125,16 +131,30 @@ export function sharePicture(store) {
         mesh.geometry.dispose();
         mesh.geometry = new THREE.TorusGeometry(1, thickness, 12, 48).scale(1, 1, 2);
       }
-      mesh.scale.setScalar(radius);
+      if (isSlide) mesh.scale.set(SLEEVE[0] * radius, SLEEVE[0] * radius, SLEEVE[1] * radius);
+      else mesh.scale.setScalar(radius);
       mesh.material.color.set(css(shareColour(share)));
     }
   }
 
-  function paint(leg, colour) {
-    const rod = pane.part("meshcat", "cartstiff", "mechanism", "legs", `line ${leg + 1}`, "rod");
-    rod?.traverse((node) => {
-      if (node.isMesh && !node.userData.isTwin) node.material.color.set(css(colour));
+  /** The meshes below a place of the mechanism. */
+  const meshes = (...names) => {
+    const found = [];
+    pane.part("meshcat", "cartstiff", "mechanism", ...names)?.traverse((node) => {
+      if (node.isMesh && !node.userData.isTwin) found.push(node);
     });
+    return found;
+  };
+
+  const paint = (leg, colour) =>
+    meshes("legs", `line ${leg + 1}`, "rod").forEach(({ material }) => material.color.set(css(colour)));
+
+  const painted = []; // of flexible links, with the colours that they have otherwise
+  function paintLink(within, colour) {
+    for (const j of within) for (const { material } of meshes(`joint ${j + 1}`)) {
+      painted.push([material, material.color.clone()]);
+      material.color.set(css(colour));
+    }
   }
 
   /** Of a leg's force, where no share colours it. */
@@ -145,13 +165,17 @@ export function sharePicture(store) {
 
   pane.before.push(() => {
     for (const one of bands.values()) one.visible = false;
+    for (const [material, colour] of painted.splice(0)) material.color.copy(colour);
     const { numbers, hello, shown } = store;
     if (!numbers || !hello || !shown.deflection && lit === null) return;
     const parts = numbers.moved?.resisted ? numbers.moved.shares?.parts ?? [] : [];
     for (const { name, share } of parts) {
-      const { joints, leg } = placesOf(hello.mechanism, name);
+      const { joints, within, leg } = placesOf(hello.mechanism, name);
       const isLit = lit === name;
-      if (Math.abs(share) >= UNSAID || isLit) for (const j of joints) band(j, share, isLit);
+      if (Math.abs(share) >= UNSAID || isLit) {
+        for (const j of joints) band(j, share, isLit);
+        paintLink(within, shareColour(isLit ? Math.sign(share) : share));
+      }
       if (leg >= 0) paint(leg, shareColour(isLit ? Math.sign(share) : share));
     }
     if (!parts.length && numbers.legs && store.legend?.tension) {

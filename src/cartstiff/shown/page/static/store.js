@@ -265,7 +265,7 @@ export class Store extends EventTarget {
     this.error = null;
     this.numbers = numbers;
     this.shown = this.sent;
-    this.legend = legendOf(data.legend);
+    this.legend = legendOf(data.legend, data.legend.quantity === this.shown.quantity ? this.sizes : {});
     if (this.pane) this.pane.extent = this.legend.size;
     this.refuse(null);
     this.inTime();
@@ -358,6 +358,11 @@ export class Store extends EventTarget {
     this.change({ ...structuredClone(found.state), ...LOOKS(this.state), quantity: this.state.quantity,
       ghost: this.state.ghost, moved: null });
     this.follow();
+  }
+
+  /** Whether a load is shown: one that was given, or that the springs exert. */
+  get isLoaded() {
+    return Boolean(this.numbers?.moved) || Boolean(this.shown.load?.some((x) => x));
   }
 
   /** The shown matrix of a connection, at the reference point: 6 rows, or null. */
