@@ -52,7 +52,8 @@ VERDICTS: dict[str, str] = {
     "near-constraint-singularity": "The closures nearly repeat each other",
     "singular-stiffness": "Singular stiffness: one motion costs nothing",
     "near-serial-singularity": "Near a singularity: one motion is almost impossible",
-    "near-type-2-singularity": "Near a singularity: the drives resist some motion only weakly",
+    "near-type-2-singularity": "Near a singularity: the drives resist some motion only "
+    "weakly",
     "slack": "Slack cables carry nothing",
     "stable": "The equilibrium is stable",
     "unstable": "The equilibrium is NOT stable: the load pushes the body away",
