@@ -155,6 +155,25 @@ def test_springs_may_be_inputs(name):
         cartstiff.record(elastic, "B", loaded=True, inputs=["rest"])
 
 
+@pytest.mark.parametrize(("name", "output"), [("ur5", "tensions"), ("stewart-gough", "torques")])
+def test_an_output_that_a_mechanism_has_not(name, output):
+    """As of `analyse_many`: not a number, and nothing without legs."""
+    elastic = cartstiff.load(name)
+    program = cartstiff.record(elastic, ["pose", output])
+    many = cartstiff.analyse_many(elastic, [elastic.q], outputs=[output])
+    for found in (program(elastic.q)[output], program.many([elastic.q])[output][0]):
+        assert found.shape == many[output][0].shape
+        assert np.isnan(found).all()
+
+
+def test_from_how_many_postures_on_a_closed_chain_is_recorded():
+    elastic = cartstiff.load("five-bar")  # of four coordinates
+    few = cartstiff.analyse_many(elastic, np.tile(elastic.q, (7, 1)))
+    assert (few.path, few.fallback) == ("engine", 7)
+    assert few.reason == "such a closed chain is recorded from 8 postures on"
+    assert cartstiff.analyse_many(elastic, np.tile(elastic.q, (8, 1))).path == "portable"
+
+
 def test_without_machine_code(monkeypatch):
     monkeypatch.setattr("cartstiff.recorded.program.has_package", lambda _: False)
     arm = cartstiff.load("ur5")

@@ -349,7 +349,7 @@ def positive_inverse(matrix: Array) -> Array:
 def require_pivots(verdict: Scalar, pivots: Array, sizes: Array, share: float) -> Scalar:
     """The verdict, or `FALLBACK` if a pivot is below a share of its size."""
     for size, pivot in zip(sizes, pivots, strict=True):
-        verdict = larger(verdict, pick(size * share, pivot, PLAIN, FALLBACK))
+        verdict = larger(verdict, limited(size * share, pivot))
     return verdict
 
 
@@ -418,7 +418,7 @@ def rotation_vector(R: Array) -> tuple[Array, Scalar]:
     """
     s = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]], object) * 0.5
     cosine: Scalar = square_root(larger((R[0, 0] + R[1, 1] + R[2, 2] + 1.0) * 0.25, 0.0))
-    verdict = pick(_LEAST_HALF_ANGLE_COSINE, cosine, PLAIN, FALLBACK)
+    verdict = limited(_LEAST_HALF_ANGLE_COSINE, cosine)
     cosines = cosine
     for _ in range(_HALVINGS - 1):
         cosine = square_root((cosine + 1.0) * 0.5)
@@ -462,6 +462,16 @@ LARGEST_ANGLE = 1e6
 def limited(value: Scalar, limit: float) -> Scalar:
     """`PLAIN` where a value is below a limit, else (and for NaN) `FALLBACK`."""
     return pick(value, limit, PLAIN, FALLBACK)
+
+
+class Judged:
+    """Recorded numbers with the verdict on all of them."""
+
+    verdict: Scalar = PLAIN
+
+    def require(self, verdict: Scalar) -> None:
+        """Add a verdict."""
+        self.verdict = larger(self.verdict, verdict)
 
 
 def _in_length(matrix: Array, rows: Scalar, columns: Scalar) -> Array:

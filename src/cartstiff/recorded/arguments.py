@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from itertools import pairwise
 from math import prod
 
@@ -16,6 +15,7 @@ from cartstiff.core.errors import InputError, UnknownNameError
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.matrix_names import OF_MANY
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.recorded.tape import Arrays
 
 #: Doubles in a line of the cache, and in a mebibyte.
 _LINE, _MEBIBYTE = 8, 1 << 17
@@ -100,15 +100,12 @@ def checked_count(what: str, value: object) -> int | None:
     return int(value)
 
 
-def shape_of(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
-    """Shape of an output at `count` postures of n coordinates."""
-    return (count, *_sizes(n, legs).get(name, (6, 6)))
-
-
-@lru_cache(maxsize=64)
-def _sizes(n: int, legs: int) -> dict[str, tuple[int, ...]]:
-    """Shapes of outputs at one posture that are no matrices (6, 6)."""
+def shapes_of(elastic: ElasticMechanism) -> dict[str, tuple[int, ...]]:
+    """Shape of each output at one posture; without legs there is no tension."""
+    n = len(elastic.mechanism.coordinates)
+    legs = len(getattr(elastic.mechanism, "anchors", ()))
     return {
+        **dict.fromkeys((*OUTPUTS, SYMMETRIC), (6, 6)),
         "pose": (4, 4),
         "jacobian": (6, n),
         "wrench": (6,),
@@ -123,31 +120,23 @@ def _sizes(n: int, legs: int) -> dict[str, tuple[int, ...]]:
 
 
 def arrays_for(
+    elastic: ElasticMechanism,
     names: tuple[str, ...],
-    out: Mapping[str, Array] | None,
-    shape: tuple[int, ...],
+    out: Arrays | None,
+    count: int,
     inputs: Mapping[str, Array | None],
 ) -> dict[str, Array]:
     """The arrays to fill: those given in `out`, which must not share memory,
     and new ones.
     """
     own = {full_name(name): array for name, array in (out or {}).items()}
+    shapes = {name: (count, *shape) for name, shape in shapes_of(elastic).items()}
     for name, array in own.items():
         if name not in names:
             raise UnknownNameError("output", str(name), names, where="out")
-        _check_writable(name, array, shape_of(name, *shape))
+        _check_writable(name, array, shapes[name])
     _check_apart(own, inputs)
-    return with_room(names, own, shape)
-
-
-def with_room(
-    names: Sequence[str], arrays: Mapping[str, Array], shape: tuple[int, ...]
-) -> dict[str, Array]:
-    """The given arrays, and new ones for the other names."""
-    return {
-        name: arrays[name] if name in arrays else aligned_empty(*shape_of(name, *shape))
-        for name in names
-    }
+    return {n: own[n] if n in own else aligned_empty(*shapes[n]) for n in names}
 
 
 def _check_writable(name: str, array: object, shape: tuple[int, ...]) -> None:
@@ -165,7 +154,7 @@ def _check_writable(name: str, array: object, shape: tuple[int, ...]) -> None:
     )
 
 
-def _check_apart(own: Mapping[str, Array], inputs: Mapping[str, Array | None]) -> None:
+def _check_apart(own: Arrays, inputs: Mapping[str, Array | None]) -> None:
     """Refuse arrays to write into that share memory with each other or with inputs."""
     others = [(name, values) for name, values in inputs.items() if values is not None]
     bounds = sorted(byte_bounds(array) for _, array in (*others, *own.items()))

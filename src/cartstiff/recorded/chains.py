@@ -65,6 +65,7 @@ from cartstiff.recorded.algebra import (
     PLAIN,
     STIFFNESS_CONDITION,
     UNBALANCED,
+    Judged,
     acting,
     below,
     changed_compliance,
@@ -145,7 +146,7 @@ def _in_polynomial(law: PolynomialLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     if real.size:
         verdict = larger(
             verdict,
-            pick(absolute(x), _MAX_RISING_SHARE * float(real.min()), PLAIN, FALLBACK),
+            limited(absolute(x), _MAX_RISING_SHARE * float(real.min())),
         )
     return x, verdict
 
@@ -212,7 +213,7 @@ def _found(law: SpringLaw, torque: Scalar, x: Scalar) -> tuple[Scalar, Scalar]:
 
 def _converged(step: Scalar, size: Scalar) -> Scalar:
     """Verdict on the last Newton step: the remaining relative error is its square."""
-    return pick(absolute(step), size * _MAX_LAST_CHANGE + numerics.TINY, PLAIN, FALLBACK)
+    return limited(absolute(step), size * _MAX_LAST_CHANGE + numerics.TINY)
 
 
 class _Law(NamedTuple):
@@ -229,7 +230,7 @@ _LAWS: dict[type, _Law] = {
 }
 
 
-class JointSpringNumbers:
+class JointSpringNumbers(Judged):
     """Linear and nonlinear springs of the coordinates, recorded.
 
     Attributes
@@ -241,7 +242,6 @@ class JointSpringNumbers:
     def __init__(self, tape: Tape, n: int, laws: Sequence[tuple[int, SpringLaw]]) -> None:
         self._stiffness, self._rest = tape.vector("stiffness", n), tape.vector("rest", n)
         self._laws = dict(laws)
-        self.verdict: Scalar = PLAIN
         self.deflections: dict[int, Scalar] = {}
         self.torques: dict[int, Scalar] = {}
 
@@ -249,9 +249,7 @@ class JointSpringNumbers:
         """Energy, torque and stiffness of a spring with a given rest position."""
         self.deflections[a] = stretch = q - self._rest[a]
         if a in self._laws:
-            self.verdict = larger(
-                self.verdict, _away_from_corners(self._laws[a], stretch)
-            )
+            self.require(_away_from_corners(self._laws[a], stretch))
             energy, torque, k = stretched(self._laws[a], stretch)
         else:
             k = self._stiffness[a]
@@ -270,7 +268,7 @@ class JointSpringNumbers:
             return torque * x * 0.5, k
         self.deflections[a], verdict = deflection_for(self._laws[a], torque)
         doubt = _away_from_corners(self._laws[a], self.deflections[a])
-        self.verdict = larger(self.verdict, larger(verdict, doubt))
+        self.require(larger(verdict, doubt))
         energy, _, k = stretched(self._laws[a], self.deflections[a])
         return energy, k
 
@@ -354,7 +352,7 @@ def line_terms(
     size = (
         larger(norm_squared(ends[0]), norm_squared(ends[1])) * numerics.SHORTEST_LINE**2
     )
-    verdict = pick(larger(size, least * least), length * length, PLAIN, FALLBACK)
+    verdict = limited(larger(size, least * least), length * length)
     return tension * stretch * 0.5, gradient, hessian, verdict
 
 
@@ -617,7 +615,7 @@ def recorded_tree(
     return Kinematics(case.constants, position, case.fields, start, varied)
 
 
-class ChainNumbers:
+class ChainNumbers(Judged):
     """A chain under a case, recorded: twists, energy, scales, the Lagrangian Hessian.
 
     Attributes
@@ -637,7 +635,6 @@ class ChainNumbers:
         self.kinematics = recorded_tree(tape, case, self.position, start)
         J_M = self.kinematics.J_M
         self.J_q = J_M if self.mimic is None else J_M @ self.mimic
-        self.verdict: Scalar = PLAIN
         self.N: Array = self._motions()
         self.rates: Array | None = self.N if self.mimic is None else self.mimic @ self.N
         if np.array_equal(self.rates, np.eye(len(self.position))):
@@ -701,7 +698,7 @@ class ChainNumbers:
         lines = tape.vector("lines", 2 * len(case.stretched)).reshape(-1, 2)
         for line, (stiffness, rest) in zip(case.stretched, lines, strict=True):
             E, g, H, doubt = line_terms(line, stiffness, rest, self.kinematics)
-            self.verdict = larger(self.verdict, doubt)
+            self.require(doubt)
             yield E, g, H
 
     def _evaluate(self, tape: Tape) -> None:
@@ -725,7 +722,7 @@ class ChainNumbers:
         self.torques = zeros(len(self.q))
         for a, torque in springs.torques.items():
             self.torques[a] = -torque
-        self.verdict = larger(self.verdict, springs.verdict)
+        self.require(springs.verdict)
         # The deflection of a tip on slides is not bounded by that of its joints.
         is_length = case.constants.is_length
         on_slides = bool(case.springs) and any(is_length) and not case.is_closed
@@ -781,11 +778,12 @@ class ChainNumbers:
             if not is_zero(area):  # else `cartstiff.analyse` chooses the length
                 self.area, self.length = area, square_root(area)
             least = _LEAST_LENGTH_SHARE * self.kinematics.size
-            self.verdict = larger(self.verdict, pick(least**2, area, PLAIN, FALLBACK))
+            self.require(limited(least**2, area))
             far = limited(norm_squared(self.position), LARGEST_ANGLE**2)
-            self.verdict = larger(self.verdict, far)
-        sizes = [self.length if case.constants.is_length[a] else 1.0 for a in case.names]
-        self.columns = np.array(sizes or [1.0] * self.n, object)
+            self.require(far)
+        self.columns = case.constants.sizes(self.length)[case.names]
+        if not case.names:
+            self.columns = np.full(self.n, 1.0, object)
 
     def load(self) -> Array | None:
         """Wrench that is known without the gradient; None if there is none."""
@@ -832,7 +830,7 @@ class ChainNumbers:
         condition = self.condition(
             (self.J * self.columns).T, (A / self.columns[:, None]).T
         )
-        self.verdict = larger(self.verdict, pick(condition, limit, PLAIN, FALLBACK))
+        self.require(limited(condition, limit))
         self.squared_condition = condition
         return A
 
@@ -956,8 +954,8 @@ def _redundant(chain: ChainNumbers) -> tuple[Array, Array]:
     limit = largest(H) * _LEAST_SELF_MOTION_SHARE
     stable: Scalar = PLAIN
     for pivot in pivots:
-        stable = larger(stable, pick(limit, pivot, PLAIN, FALLBACK))
-    stable = larger(stable, pick(limit * limit, norm_squared(S), PLAIN, FALLBACK))
+        stable = larger(stable, limited(limit, pivot))
+    stable = larger(stable, limited(limit * limit, norm_squared(S)))
     # An unbalanced posture has no H_L; any other doubt leads to the verdict `FALLBACK`.
     verdict = pick(balanced, 0.5, larger(balanced, stable), balanced)
     verdict = pick(regular, 0.5, verdict, FALLBACK)
@@ -973,7 +971,7 @@ def _through_compliance(chain: ChainNumbers) -> tuple[Array, Array]:
     C, verdict = _softness(chain, chain.lagrangian(W))
     K, condition = scaled_inverse(C, 1.0 / chain.length)
     verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
-    chain.verdict = larger(chain.verdict, verdict)
+    chain.require(verdict)
     chain.squared_condition = condition
     return W, K
 
@@ -993,7 +991,7 @@ def _deficient(chain: ChainNumbers) -> Array:
         w[: chain.n] = inverse_R.T @ (chain.gradient * columns)
         W = Q.apply(w)
         W[3:] = W[3:] / length
-    chain.verdict = larger(chain.verdict, verdict)
+    chain.require(verdict)
     chain.squared_condition = condition
     return W
 
@@ -1062,21 +1060,15 @@ def _softness(
     scaled = H * chain.columns / chain.columns[:, None]
     for a in range(len(H)):
         grown = sizes[: a + 1] @ (L[a, : a + 1] * L[a, : a + 1])
-        verdict = larger(
-            verdict, pick(grown, largest(scaled[a]) * _MAX_FACTOR_GROWTH, PLAIN, FALLBACK)
-        )
-        verdict = larger(
-            verdict, pick(grown * _LEAST_PIVOT_SHARE, sizes[a], PLAIN, FALLBACK)
-        )
+        verdict = larger(verdict, limited(grown, largest(scaled[a]) * _MAX_FACTOR_GROWTH))
+        verdict = larger(verdict, limited(grown * _LEAST_PIVOT_SHARE, sizes[a]))
     # One Newton step shows and removes the error of the inverse.
     X = congruence(below(L, np.eye(len(H))), np.diag(inverses))
     step = symmetric_product(X, np.eye(len(H)) - H @ X, zeros(*H.shape))
     size, inverse_size = equilibrated_squares(H, X + step)
     known = limited(size * inverse_size, numerics.WELL_CONDITIONED**2)
     change = equilibrated_squares(H, step)[1]
-    known = larger(
-        known, pick(change, inverse_size * _MAX_NEWTON_CHANGE**2, PLAIN, FALLBACK)
-    )
+    known = larger(known, limited(change, inverse_size * _MAX_NEWTON_CHANGE**2))
     return C + congruence(chain.J.T, step) * verdict, pick(verdict, 0.5, PLAIN, known)
 
 
@@ -1116,15 +1108,8 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
         *(chain.gradient * chain.columns),
         largest(chain.hessian * sizes),
     ]
-    arrays = {
-        "pose": chain.kinematics.pose(),
-        "jacobian": chain.J_q,
-        "energy": np.array([chain.energy], object),
-        "looked_at": np.array(looked_at, object),
-    }
+    arrays = {**_known_of(chain), "looked_at": np.array(looked_at, object)}
     W, verdict = chain.load(), chain.verdict
-    if "torques" in wanted:
-        arrays["torques"] = chain.torques
     if W is not None:
         arrays["wrench"], chain.has_chart = W, False
         # Rejects self-motions that cost nothing or buckle.
@@ -1134,15 +1119,19 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
     return arrays
 
 
-def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
-    """`chain_arrays` of a recorded chain."""
-    arrays: dict[str, Array] = {
+def _known_of(chain: ChainNumbers) -> dict[str, Array]:
+    """Outputs that every posture has."""
+    return {
         "pose": chain.kinematics.pose(),
         "jacobian": chain.J_q,
         "energy": np.array([chain.energy], object),
+        "torques": chain.torques,
     }
-    if "torques" in wanted:
-        arrays["torques"] = chain.torques
+
+
+def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
+    """`chain_arrays` of a recorded chain."""
+    arrays = _known_of(chain)
     stiffness: dict[str, Array] = {}
     if chain.n < 6:
         W = _deficient(chain)

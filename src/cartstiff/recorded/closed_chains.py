@@ -40,7 +40,7 @@ dead one).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -53,7 +53,6 @@ from cartstiff.core.geometry.se3 import Array, skew_of
 from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.closures import LONGEST_STEP
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.mechanisms.tree import FixedFrame
 from cartstiff.core.potentials.contract import Potential
 from cartstiff.core.stiffness.applied_load import LoadKind
 from cartstiff.core.stiffness.settled_links import (
@@ -63,7 +62,6 @@ from cartstiff.core.stiffness.settled_links import (
     settled_coordinates,
 )
 from cartstiff.recorded.algebra import (
-    FALLBACK,
     JACOBIAN_CONDITION,
     PLAIN,
     above,
@@ -88,8 +86,22 @@ from cartstiff.recorded.algebra import (
     zeros,
 )
 from cartstiff.recorded.chains import ChainCase, ChainNumbers, arrays_of, curvature_of
-from cartstiff.recorded.tape import Scalar, Tape, absolute, larger, pick, square_root
-from cartstiff.recorded.twists import Kinematics, Tie, TreeConstants, numbers
+from cartstiff.recorded.tape import (
+    Arrays,
+    Scalar,
+    Tape,
+    absolute,
+    larger,
+    pick,
+    square_root,
+)
+from cartstiff.recorded.twists import (
+    Kinematics,
+    Tie,
+    TreeConstants,
+    numbers,
+    tree_constants,
+)
 
 #: Largest condition number of the closures: their motions lose four digits.
 _MAX_CLOSURE_CONDITION = 1.0 / numerics.LOST_ERROR
@@ -116,7 +128,7 @@ class ClosedChainNumbers(ChainNumbers):
             left.append(twists[sorted(others)])
         self.C, n = np.concatenate(kept), len(self.q)
         # In sizes of the joints, so that angles and lengths can be compared.
-        sizes = np.array([case.length if d else 1.0 for d in constants.is_length])
+        sizes = constants.sizes(case.length)
         scale = np.concatenate(
             [[1.0 if i < 3 else 1.0 / case.length for i in rows] for rows in case.rows]
         )
@@ -154,11 +166,11 @@ class ClosedChainNumbers(ChainNumbers):
             least = largest(N / sizes[:, None]) * (
                 numerics.NEGLIGIBLE_DIFFERENCE * case.length
             )
-            verdict = larger(verdict, pick(largest(missed), least, PLAIN, FALLBACK))
+            verdict = larger(verdict, limited(largest(missed), least))
         for j in (j for indices, _ in case.still for j in indices):
-            is_still = pick(absolute(self.q[j]), numerics.TINY, PLAIN, FALLBACK)
+            is_still = limited(absolute(self.q[j]), numerics.TINY)
             verdict = larger(verdict, is_still)
-        self.verdict = larger(self.verdict, verdict)
+        self.require(verdict)
         return N
 
     def _multipliers(self, right: Array) -> Array:
@@ -199,12 +211,18 @@ class ClosedChainNumbers(ChainNumbers):
             return super()._torques(chosen, gradient)
         scaled = self.C * self._solved[2][:, None]
         others = [a for a in self.case.moving if a not in chosen]
-        gram = congruence(scaled[:, others].T, np.eye(len(others)))
+        forces = self._inverse_gram(scaled[:, others].T) @ (
+            scaled[:, others] @ gradient[others]
+        )
+        return np.asarray(scaled[:, chosen].T @ forces)
+
+    def _inverse_gram(self, columns: Array) -> Array:
+        """``(columns^T columns)^-1``; adds the verdict on it."""
+        gram = congruence(columns, np.eye(len(columns)))
         inverse_gram = positive_inverse(gram)
         condition = norm_squared(gram) * norm_squared(inverse_gram)
-        self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
-        forces = inverse_gram @ (scaled[:, others] @ gradient[others])
-        return np.asarray(scaled[:, chosen].T @ forces)
+        self.require(limited(condition, JACOBIAN_CONDITION**2))
+        return inverse_gram
 
     def resists(self, K: Array) -> Scalar:
         """As for an open chain; beside springs with rest positions a motion may cost
@@ -228,19 +246,11 @@ class ClosedChainNumbers(ChainNumbers):
             return super()._shared(chosen, wanted)
         if vanishes(wanted):
             return zeros(len(chosen))
-        sizes = np.array(
-            [
-                self.case.length if self.case.constants.is_length[a] else 1.0
-                for a in chosen
-            ]
-        )
+        sizes = self.case.constants.sizes(self.case.length)[chosen]
         own = zeros(len(chosen)) if self.W is None else self.J_q[:, chosen].T @ self.W
         N = self.N[chosen] / sizes[:, None]
-        gram = congruence(N, np.eye(len(chosen)))
-        inverse_gram = positive_inverse(gram)
-        condition = norm_squared(gram) * norm_squared(inverse_gram)
-        self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
-        return own + N @ (inverse_gram @ (wanted - self.N[chosen].T @ own)) / sizes
+        wanted = wanted - self.N[chosen].T @ own
+        return own + N @ (self._inverse_gram(N) @ wanted) / sizes
 
     def inverse(self) -> Array:
         """J^-1 of six motions; adds the verdict on it."""
@@ -249,7 +259,7 @@ class ClosedChainNumbers(ChainNumbers):
         condition = self.condition(
             (self.J * self.columns).T, (A / self.columns[:, None]).T
         )
-        self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
+        self.require(limited(condition, JACOBIAN_CONDITION**2))
         self.squared_condition = condition
         return A
 
@@ -262,9 +272,7 @@ class ClosedChainNumbers(ChainNumbers):
         independent coordinates, the actuators, move by ``(N^T N)^(-1/2)``; the motion per
         twist of the body, ``N H^-1 J^T K^B``, bounds the inverse Jacobian.
         """
-        sizes = np.array(
-            [self.length if d else 1.0 for d in self.case.constants.is_length], object
-        )
+        sizes = self.case.constants.sizes(self.length)
         N = self.N / sizes[:, None] * self.columns
         (H, softness), (K, _) = own, outer
         forward = (self.J * self.columns).T
@@ -350,12 +358,11 @@ def _series(x: Any, coefficients: list[float]) -> Any:
     return total
 
 
-def weld_residual(tree: Kinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
+def residual_of(tree: Kinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
     """Residual (6,), its rates (6, joints), and the verdict."""
-    (R_a, p_a), (R_b, p_b) = (
-        tree.end(tie, 0),
-        tree.end(tie, 1),
-    )
+    (R_a, p_a), (R_b, p_b) = (tree.end(tie, side) for side in (0, 1))
+    if not tie.is_weld:
+        return np.concatenate([zeros(3), p_b - p_a]), tree.tied(tie, p_a), PLAIN
     # Rotation vector and translation of one end in the other: the logarithm.
     w, verdict = rotation_vector(R_b @ R_a.T)
     x, d = w @ w, p_b - p_a
@@ -385,20 +392,13 @@ def closing_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     q = tape.vector("q", n)
     tree = Kinematics(constants, q)
     length = characteristic_length(tree)
-    columns = np.array([length if d else 1.0 for d in constants.is_length], object)
+    columns = constants.sizes(length)
     verdict: Scalar = PLAIN
     # Gaps of all closures, and the rows that are to be shut with their rates.
     residuals, every, rates = list[Array](), list[Array](), list[Array]()
     for tie, rows in zip(constants.ties, case.shut, strict=True):
-        if tie.is_weld:
-            xi, J, doubt = weld_residual(tree, tie)
-            verdict = larger(verdict, doubt)
-        else:
-            p_a, p_b = (
-                tree.end(tie, 0)[1],
-                tree.end(tie, 1)[1],
-            )
-            xi, J = np.concatenate([zeros(3), p_b - p_a]), tree.tied(tie, p_a)
+        xi, J, doubt = residual_of(tree, tie)
+        verdict = larger(verdict, doubt)
         every.append(xi)
         residuals.append(xi[list(rows)])
         rates.append(J[list(rows)])
@@ -427,7 +427,7 @@ def closing_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
 
 
 #: Runs a program over rows: inputs by name to outputs by name.
-Step = Callable[[Mapping[str, Array]], dict[str, Array]]
+Step = Callable[[Arrays], dict[str, Array]]
 
 
 def close(
@@ -520,14 +520,10 @@ def _closing_step(
     tree, residual = chain.kinematics, list[Array]()
     verdict: Scalar = PLAIN
     for tie, rows in zip(case.constants.ties, case.rows, strict=True):
-        p_b = tree.end(tie, 1)[1]
-        if tie.is_weld:
-            xi, _, doubt = weld_residual(tree, tie)
-            verdict = larger(verdict, doubt)
-            # About the origin of F, like the twists of the closures.
-            gap = np.concatenate([xi[:3], xi[3:] + cross(p_b, xi[:3])])
-        else:
-            gap = np.concatenate([zeros(3), p_b - tree.end(tie, 0)[1]])
+        xi, _, doubt = residual_of(tree, tie)
+        verdict = larger(verdict, doubt)
+        # About the origin of F, like the twists of the closures.
+        gap = np.concatenate([xi[:3], xi[3:] + cross(tree.end(tie, 1)[1], xi[:3])])
         residual.append(gap[list(rows)])
     D, step = case.dependent, zeros(len(chain.q))
     right = -np.concatenate(residual)[:, None]
@@ -549,9 +545,7 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     load = acting(tape, replace(case, load=LoadKind(kind, case.load.at)))
     if W is None:
         raise ValueError("links are deflected by a wrench")
-    sizes = np.array(
-        [chain.length if d else 1.0 for d in case.constants.is_length], object
-    )
+    sizes = case.constants.sizes(chain.length)
     left, N, names = chain.gradient - chain.J.T @ W, chain.N, case.names
     if isinstance(chain, ClosedChainNumbers):
         closing, verdict = _closing_step(chain, case, sizes)
@@ -576,7 +570,7 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
 def settle(
     step: Step,
     evaluate: Evaluate,
-    inputs: Mapping[str, Array],
+    inputs: Arrays,
     q: Array,
     which: NDArray[np.intp],
 ) -> NDArray[np.intp]:
@@ -609,30 +603,6 @@ def settle(
 #: Number of postures at which the rank of the closures is sampled, and their largest
 #: distance from the reference posture (rad, or shares of the characteristic length).
 _SAMPLES, _SAMPLE_DISTANCE = 4, 0.1
-
-
-def tree_constants(chain: Chain) -> TreeConstants:
-    """Geometry of a tree with its loop closures."""
-    tree = chain.tree
-    places = [
-        (chain.placement(c.frame_a), chain.placement(c.frame_b)) for c in chain.closures
-    ]
-
-    def tie(a: FixedFrame, b: FixedFrame, is_weld: bool) -> Tie:
-        return Tie(a.joint, numbers(a.T_j_f), b.joint, numbers(b.T_j_f), is_weld)
-
-    return TreeConstants(
-        numbers(np.array(tree.placements())),
-        numbers(tree.screws()),
-        numbers(chain.body.T_j_f),
-        tuple(bool(x) for x in chain.is_length),
-        tuple(int(p) for p in list(tree.model.parents)[1:]),
-        chain.body.joint,
-        tuple(
-            tie(a, b, closure.type == "weld")
-            for closure, (a, b) in zip(chain.closures, places, strict=True)
-        ),
-    )
 
 
 def _samples(chain: Chain, q: Array) -> list[Array]:

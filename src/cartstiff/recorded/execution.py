@@ -23,7 +23,7 @@ import numpy as np
 
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.recorded.arguments import address_of, aligned_empty
-from cartstiff.recorded.tape import Program
+from cartstiff.recorded.tape import Arrays, Program
 from cartstiff.recorded.vector_code import (
     LONGEST,
     input_arrays,
@@ -49,11 +49,21 @@ _LONGEST_EXPRESSION = 160
 
 
 class Language(NamedTuple):
-    """Templates of a language for operations, for numbers and for naming a value."""
+    """Templates of a language for operations and for naming a value, and its words for
+    numbers that are not finite.
+    """
 
     words: Mapping[str, str]
-    number: Callable[[float], str]
+    nan: str
+    infinity: str
     named: str
+
+    def number(self, value: float) -> str:
+        """A number; a negative one in parentheses."""
+        if math.isnan(value):
+            return self.nan
+        text = self.infinity if math.isinf(value) else repr(abs(value))
+        return f"(-{text})" if math.copysign(1.0, value) < 0.0 else text
 
 
 _ARITHMETIC = {
@@ -62,41 +72,19 @@ _ARITHMETIC = {
     "mul": "({}*{})",
     "div": "({}/{})",
     "neg": "(-{})",
+    **{name: f"{name}({{}})" for name in ("sqrt", "abs", "sin", "cos")},
+    "max": "max({},{})",
+    "copysign": "copysign({},{})",
+    "pick": "({}<{}?{}:{})",
 }
-
-
-def _javascript_number(value: float) -> str:
-    if math.isnan(value):
-        return "NaN"
-    if math.isinf(value):
-        return "Infinity" if value > 0 else "(-Infinity)"
-    text = repr(value).removesuffix(".0")
-    return f"({text})" if text.startswith("-") else text
-
-
-JAVASCRIPT = Language(
-    {
-        **_ARITHMETIC,
-        "sqrt": "Math.sqrt({})",
-        "abs": "Math.abs({})",
-        "max": "Math.max({},{})",
-        "copysign": "withSign({},{})",
-        "sin": "Math.sin({})",
-        "cos": "Math.cos({})",
-        "pick": "({}<{}?{}:{})",
-    },
-    _javascript_number,
-    "const {}={};",
-)
+#: A language that writes choices as C does.
+C_LIKE = Language(_ARITHMETIC, "NaN", "Infinity", "const {}={};")
+_IN_MATH = {n: w if w[0] == "(" else f"Math.{w}" for n, w in _ARITHMETIC.items()}
+JAVASCRIPT = C_LIKE._replace(words={**_IN_MATH, "copysign": "withSign({},{})"})
 PYTHON = Language(
-    {
-        **_ARITHMETIC,
-        **{name: f"{name}({{}})" for name in ("sqrt", "abs", "sin", "cos")},
-        "max": "max({},{})",
-        "copysign": "copysign({},{})",
-        "pick": "({2} if {0}<{1} else {3})",
-    },
-    lambda value: f"({value!r})" if math.isfinite(value) else f"float({str(value)!r})",
+    {**_ARITHMETIC, "pick": "({2} if {0}<{1} else {3})"},
+    "float('nan')",
+    "float('inf')",
     "{}={}",
 )
 _NUMPY = PYTHON._replace(words={**PYTHON.words, "pick": "where({}<{},{},{})"})
@@ -228,8 +216,8 @@ class Kernel:
 
     def run(
         self,
-        inputs: Mapping[str, Array],
-        outputs: Mapping[str, Array],
+        inputs: Arrays,
+        outputs: Arrays,
         count: int,
         threads: int = 1,
         stream: bool = False,
@@ -241,7 +229,7 @@ class Kernel:
         """
         raise NotImplementedError
 
-    def __call__(self, inputs: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
+    def __call__(self, inputs: Arrays, threads: int = 1) -> dict[str, Array]:
         """Outputs (N, ...) by name, from inputs (N, ...), or (1, ...) for shared ones,
         by name.
         """
@@ -266,8 +254,8 @@ class PortableKernel(Kernel):
 
     def run(
         self,
-        inputs: Mapping[str, Array],
-        outputs: Mapping[str, Array],
+        inputs: Arrays,
+        outputs: Arrays,
         count: int,
         threads: int = 1,  # noqa: ARG002
         stream: bool = False,  # noqa: ARG002
@@ -376,8 +364,8 @@ class CompiledKernel(Kernel):
 
     def run(
         self,
-        inputs: Mapping[str, Array],
-        outputs: Mapping[str, Array],
+        inputs: Arrays,
+        outputs: Arrays,
         count: int,
         threads: int = 1,
         stream: bool = False,
@@ -407,8 +395,8 @@ class CompiledKernel(Kernel):
 
     def _run(
         self,
-        inputs: Mapping[str, Array],
-        outputs: Mapping[str, Array],
+        inputs: Arrays,
+        outputs: Arrays,
         blocks: int,
         threads: int,
         stream: bool,
@@ -454,11 +442,6 @@ def from_triangles(rows: Array) -> Array:
     return matrices
 
 
-def compiled_or_portable(program: Program, compiled: bool) -> Kernel:
-    """Kernel of machine code, or over NumPy arrays."""
-    return CompiledKernel(program) if compiled else PortableKernel(program)
-
-
 class OnePosture(Kernel):
     """A program for one posture at a time, by machine code or by Python on numbers.
 
@@ -479,8 +462,8 @@ class OnePosture(Kernel):
 
     def run(
         self,
-        inputs: Mapping[str, Array],
-        outputs: Mapping[str, Array],
+        inputs: Arrays,
+        outputs: Arrays,
         count: int,
         threads: int = 1,  # noqa: ARG002
         stream: bool = False,  # noqa: ARG002
@@ -496,7 +479,7 @@ class OnePosture(Kernel):
 class PrintedPosture(OnePosture):
     """One posture at a time by straight-line Python, where llvmlite is not installed."""
 
-    def __init__(self, program: Program, shared: Mapping[str, Array]) -> None:
+    def __init__(self, program: Program, shared: Arrays) -> None:
         self.program = program
         self._function, self._names, self.at = _python(program, PYTHON, _ON_NUMBERS)
         self._shared = {name: rows.ravel().tolist() for name, rows in shared.items()}
@@ -519,7 +502,7 @@ class PrintedPosture(OnePosture):
 class CompiledPosture(OnePosture):
     """One posture at a time by machine code."""
 
-    def __init__(self, program: Program, shared: Mapping[str, Array]) -> None:
+    def __init__(self, program: Program, shared: Arrays) -> None:
         self.program = program
         places, steps = _placed(program)
         self.at = {name: slice(*ends) for name, ends in places.items()}
@@ -535,8 +518,8 @@ class CompiledPosture(OnePosture):
 
     def run(
         self,
-        inputs: Mapping[str, Array],
-        outputs: Mapping[str, Array],
+        inputs: Arrays,
+        outputs: Arrays,
         count: int,
         threads: int = 1,
         stream: bool = False,  # noqa: ARG002

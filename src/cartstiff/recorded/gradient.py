@@ -30,6 +30,7 @@ from cartstiff.recorded.closed_chains import gaps
 from cartstiff.recorded.plans import Case, recorded_arrays
 from cartstiff.recorded.tape import (
     FOLDED,
+    Arrays,
     Number,
     Program,
     Scalar,
@@ -194,7 +195,7 @@ def _at(at: Mapping[int, float], x: Scalar) -> float:
 _TIE = numerics.NEGLIGIBLE_DIFFERENCE
 #: Objectives on recorded numbers: from the arrays of `analyse_many` to numbers (m,) and a
 #: verdict.
-Objective = Callable[[Mapping[str, Array]], tuple[Sequence[Scalar], Scalar]]
+Objective = Callable[[Arrays], tuple[Sequence[Scalar], Scalar]]
 
 
 class Swept(NamedTuple):
@@ -250,13 +251,13 @@ class Sweep:
     def __len__(self) -> int:
         return len(self._numbers)
 
-    def values(self, given: Mapping[str, Array]) -> Array:
+    def values(self, given: Arrays) -> Array:
         """The numbers, from input arrays (1, ...) by name."""
         at = self._forwards(given)
         return np.array([_at(at, x) for x in self._numbers], float)
 
     @np.errstate(all="ignore")
-    def at(self, given: Mapping[str, Array]) -> Swept:
+    def at(self, given: Arrays) -> Swept:
         """The numbers and their derivatives, from input arrays (1, ...) by name."""
         at, operations = self._forwards(given), self._tape.operations
         # Each number that differs has the weight one in its own row; constants share the
@@ -298,7 +299,7 @@ class Sweep:
         by = {name: rows[index] for name, rows in by.items()}
         return Swept(values, by, kinks[index], _at(at, self._verdict))
 
-    def _forwards(self, given: Mapping[str, Array]) -> dict[int, float]:
+    def _forwards(self, given: Arrays) -> dict[int, float]:
         """Value of each step; what is not defined is not a number."""
         operations, inputs = self._tape.operations, self._tape.inputs
         at = dict[int, float]()
@@ -334,10 +335,10 @@ class Slopes(NamedTuple):
     """
 
     values: Array
-    by: Mapping[str, Array]
+    by: Arrays
     kinks: NDArray[np.intp]
-    closing: Mapping[str, Array] | None
-    forces: Mapping[str, Array] | None
+    closing: Arrays | None
+    forces: Arrays | None
 
 
 class Differentiated:
@@ -378,7 +379,7 @@ class Differentiated:
                 self._closing = Sweep([*gaps(recorded_tree(tape, case, position))])
             self._forces = Forces(case) if comes_to_rest else None
 
-    def at(self, given: Mapping[str, Array]) -> Slopes | None:
+    def at(self, given: Arrays) -> Slopes | None:
         """Objectives and derivatives from input arrays (1, ...) by name.
 
         None where the posture is not plainly regular.
@@ -427,9 +428,7 @@ class Forces:
             self._forces = Sweep(forces)
         self._closed = len(residuals)
 
-    def at(
-        self, given: Mapping[str, Array], closing: Mapping[str, Array] | None
-    ) -> dict[str, Array]:
+    def at(self, given: Arrays, closing: Arrays | None) -> dict[str, Array]:
         """Derivatives (n, ...) by the components of each input array."""
         given = {**given, "multipliers": np.zeros((1, self._closed))}
         if closing is not None:

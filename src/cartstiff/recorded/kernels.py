@@ -33,7 +33,7 @@ from cartstiff.recorded.plans import (
     plan,
     program_for,
 )
-from cartstiff.recorded.tape import Program
+from cartstiff.recorded.tape import Arrays, Program
 
 Backend = Literal["auto", "compiled", "portable", "engine"]
 BACKENDS = ("auto", "compiled", "portable", "engine")
@@ -51,9 +51,9 @@ COMPILED_CHUNK = 1 << 17
 LEAST_PER_THREAD = 2048
 #: Least number of postures of lost rank that are recorded.
 WORTH_RECORDING = 100
-#: Least number of postures for which closed chains are recorded, and those whose links a
-#: load bends: recording takes as long as `cartstiff.analyse` for so many.
-WORTH_CLOSING, WORTH_BENDING = 20, 100
+#: Postures a coordinate from which closed chains are recorded, and those whose links a
+#: load bends: recording takes about as long as `cartstiff.analyse` for so many.
+WORTH_CLOSING, WORTH_BENDING = 2, 3
 #: Chunk of postures of closed chains: each step reads their coordinates again.
 CLOSED_CHUNK = 4096
 #: Chunk of postures with terms outside the program: these have n^2 numbers for each
@@ -106,9 +106,10 @@ def few_of_closed(elastic: ElasticMechanism, is_loaded: bool, count: int) -> str
     """Reason why `cartstiff.analyse` is faster than recording a closed chain;
     empty if not.
     """
-    bends = is_loaded and elastic.mechanism.virtual
-    least = WORTH_BENDING if bends else WORTH_CLOSING
-    few = count < least and bool(elastic.mechanism.closures)
+    mechanism = elastic.mechanism
+    bends = is_loaded and mechanism.virtual
+    least = (WORTH_BENDING if bends else WORTH_CLOSING) * len(mechanism.coordinates)
+    few = count < least and bool(mechanism.closures)
     return f"such a closed chain is recorded from {least} postures on" if few else ""
 
 
@@ -181,9 +182,7 @@ class _PostureSolver:
         at[others], is_closed[others], _ = self.closed(q[others])
         return at, is_closed
 
-    def solve(
-        self, q: Array, inputs: Mapping[str, Array]
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def solve(self, q: Array, inputs: Arrays) -> tuple[Array, NDArray[np.bool_]]:
         """Coordinates, and where they were found; elsewhere they are as given."""
         given, is_found = q, np.ones(len(q), bool)
         if self._closing:
@@ -238,11 +237,11 @@ def run(
     kernel: Any,
     q: Array,
     loads: Array | None,
-    arrays: Mapping[str, Array],
+    arrays: Arrays,
     verdicts: NDArray[np.uint8],
     threads: int,
     size: int | None,
-    more: Mapping[str, Array] | None = None,
+    more: Arrays | None = None,
     made: Mapping[tuple[str, ...], Kernel] | None = None,
 ) -> None:
     """Fill the arrays by a kernel in chunks; outputs that do not exist become NaN.

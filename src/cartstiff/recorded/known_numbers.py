@@ -6,14 +6,14 @@ is found then: kinematics, rest positions and notes from them, all other by `ana
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.core.arrays import NamedArrays, checked_array, fixed
+from cartstiff.core.arrays import NamedArrays, checked_array
 from cartstiff.core.errors import InputError
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.se3 import Array
@@ -44,6 +44,7 @@ from cartstiff.core.stiffness.motions import scaled_values, values_of_closed, va
 from cartstiff.core.stiffness.posture import PostureStiffness
 from cartstiff.core.stiffness.posture_notes import indefinite, near_serial, near_type_2
 from cartstiff.core.stiffness.reduction import Reduction
+from cartstiff.recorded.tape import Arrays
 
 # Attributes of a posture that a program has by their names.
 _ALIKE = (
@@ -155,19 +156,24 @@ class _Known:
     """
 
     asked: Question
-    record: Mapping[str, Array]
+    record: Arrays
     bounds: list[float]
     #: Rest positions of an arm and what its springs do there, once found.
     _balanced: tuple[ElasticMechanism, Evaluation] | None = None
 
-    @property
-    def names(self) -> Container[str]:
-        """The attributes that are found later."""
-        return _LATER
+    names: ClassVar[Container[str]] = {
+        "elastic",
+        "posture",
+        "evaluation",
+        "reduction",
+        "notes",
+        "notes_on_posture",
+        "motions_of_closed",
+    }
 
     def find(self, name: str, own: PostureStiffness) -> Any:
         """An attribute of the posture, by its name."""
-        return _LATER[name](self, own)
+        return getattr(self, name)(own)
 
     @property
     def _is_closed(self) -> bool:
@@ -186,10 +192,10 @@ class _Known:
 
     def _force(self, own: PostureStiffness) -> Array | None:
         """The wrench in M."""
-        wrench, asked = self.asked.wrench, self.asked
-        if wrench is None:
+        asked = self.asked
+        if asked.wrench is None:
             return None
-        return wrench_in_body(wrench, own.pose, asked.load.at, asked.axes)
+        return wrench_in_body(asked.wrench, own.pose, asked.load.at, asked.axes)
 
     def _at_rest(self, own: PostureStiffness) -> tuple[ElasticMechanism, Evaluation]:
         if self._is_closed:  # the core deflects links
@@ -263,10 +269,9 @@ class _Known:
 
     def _near(self, own: PostureStiffness) -> list[Note]:
         posture = own.posture
-        serial = []
-        if not posture.coordinates_are_pose:
-            serial = near_serial(posture, scaled_values(posture))
-        return [*serial, *near_type_2(posture)]
+        if posture.coordinates_are_pose:
+            return near_type_2(posture)
+        return near_serial(posture, scaled_values(posture)) + near_type_2(posture)
 
     def _diagnostics(self, own: PostureStiffness) -> list[Note]:
         """Notes of deflected links, of cables, and of more than six lines."""
@@ -277,42 +282,27 @@ class _Known:
                 return []
             evaluate_together(beams, own.posture)  # each beam caches its result
             return asked.diagnostics(own.posture)
-        springs = asked.springs
-        if springs is not None and len(asked.mechanism.points):
-            is_many = len(springs.stiffness) > 6
-            return own.elastic.diagnostics(own.posture) if is_many else []
-        return []
+        if asked.springs is None or not len(asked.mechanism.points):
+            return []
+        is_many = len(asked.springs.stiffness) > 6
+        return own.elastic.diagnostics(own.posture) if is_many else []
 
 
-_LATER: dict[str, Callable[[_Known, PostureStiffness], Any]] = {
-    "elastic": _Known.elastic,
-    "posture": _Known.posture,
-    "evaluation": _Known.evaluation,
-    "reduction": _Known.reduction,
-    "notes": _Known.notes,
-    "notes_on_posture": _Known.notes_on_posture,
-    "motions_of_closed": _Known.motions_of_closed,
-}
-
-
-def with_numbers(
-    question: Question, q: Array, numbers: Mapping[str, Array]
-) -> PostureStiffness:
+def with_numbers(question: Question, numbers: Arrays) -> PostureStiffness:
     """The answer to a question at a plainly regular posture whose numbers are known.
 
     Parameters
     ----------
     question : Question
-        As asked, of a mechanism whose `notes_are_known`.
-    q : ndarray (n,)
-        Coordinates, closed and deflected.
+        As asked, of a mechanism whose `notes_are_known`, at coordinates that are closed
+        and deflected.
     numbers : mapping
         Outputs of a program by name, read-only, those that exist: with "noteworthy", and
         "tensions", "leg_lengths" and "actuation" of a platform.
     """
     wrench, bounds = question.wrench, numbers["noteworthy"].tolist()
     known: dict[str, Any] = {
-        "q": fixed(q),
+        "q": question.q,
         "energy": float(numbers["energy"]),
         "matrices": _named(numbers, "stiffness"),
         "compliances": _named(numbers, "compliance"),
@@ -337,6 +327,6 @@ def with_numbers(
     return PostureStiffness.of_numbers(known, _Known(question, numbers, bounds))
 
 
-def _named(numbers: Mapping[str, Array], kind: str) -> NamedArrays:
+def _named(numbers: Arrays, kind: str) -> NamedArrays:
     arrays = {name: numbers.get(f"{kind}_{name}") for name in OF_MANY}
     return NamedArrays.of_fixed(arrays, {"load": arrays.pop("load")})

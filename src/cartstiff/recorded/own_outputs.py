@@ -22,17 +22,17 @@ from cartstiff.core.geometry.se3 import Array
 from cartstiff.recorded.algebra import PLAIN, changed_compliance, limited
 from cartstiff.recorded.arguments import EVERY_OUTPUT
 from cartstiff.recorded.quantities import Quantity, Settings
-from cartstiff.recorded.tape import Scalar, absolute, larger
+from cartstiff.recorded.tape import Arrays, Scalar, absolute, larger
 
 #: A number, or an array, made of arrays by + - * / and products:
 #: ``lambda a: a["stiffness_B"][3:, 3:] @ a["wrench"][3:]``.
-Function = Callable[[Mapping[str, Array]], Any]
+Function = Callable[[Arrays], Any]
 
 
 class _Read(dict[str, Array]):
     """Arrays that remember which of them were read."""
 
-    def __init__(self, arrays: Mapping[str, Array]) -> None:
+    def __init__(self, arrays: Arrays) -> None:
         super().__init__(arrays)
         self.names: dict[str, None] = {}
 
@@ -139,9 +139,7 @@ class OwnOutputs:
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys(self.names, (6, 6))
         return shapes | {name: own.shape for name, own in self.functions}
 
-    def record(
-        self, arrays: Mapping[str, Array], length: Scalar
-    ) -> tuple[dict[str, Array], Scalar]:
+    def record(self, arrays: Arrays, length: Scalar) -> tuple[dict[str, Array], Scalar]:
         """Outputs on recorded numbers, and the verdict on them."""
         found = dict[str, Array]()
         verdict: Scalar = PLAIN
@@ -158,7 +156,7 @@ class OwnOutputs:
                 verdict = larger(verdict, limited(absolute(value), np.inf))
         return found, verdict
 
-    def values(self, arrays: Mapping[str, Array]) -> dict[str, Array]:
+    def values(self, arrays: Arrays) -> dict[str, Array]:
         """Outputs (N, ...) of stacks (N, ...)."""
         found = dict[str, Array]()
         for name, connection in self.connections:
@@ -184,6 +182,7 @@ def _looked_at(function: Function, shapes: Mapping[str, tuple[int, ...]]) -> _Fu
     at numbers of no meaning.
     """
     rng = np.random.default_rng(0)
-    read = _Read({name: rng.uniform(1.0, 2.0, shape) for name, shape in shapes.items()})
+    exist = {name: shape for name, shape in shapes.items() if 0 not in shape}
+    read = _Read({name: rng.uniform(1.0, 2.0, shape) for name, shape in exist.items()})
     result = np.asarray(function(read))
     return _Function(function, tuple(read.names), result.shape)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 from math import inf
 from typing import Any, Literal, cast
 from weakref import WeakKeyDictionary
@@ -176,19 +176,21 @@ def program_for(
         needed = (*needed, "length")
     arrays = recorded_arrays(tape, case, needed)
     kept = [n for n in (outputs if stored is None else stored) if n in arrays]
+    doubts = [arrays["verdict"][0]]
     lengths = case.constants.is_length if isinstance(case, ChainCase) else (True,) * 6
     if readings is not None and readings.exist_beside(arrays):
         known = {**arrays, "lengths": np.array(lengths)}
         values, doubt = read(known, readings, acting(tape, case))
-        arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
+        doubts.append(doubt)
         arrays |= {name: values[i : i + 1] for i, name in enumerate(readings.names)}
         kept += readings.names
     if own is not None and all(name in arrays for name in own.needs):
         length = arrays["length"][0] if "length" in arrays else case.length
         found, doubt = own.record(arrays, length)
-        arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
+        doubts.append(doubt)
         arrays |= found
         kept += own.names
+    arrays["verdict"][0] = reduce(larger, doubts)
     # Outputs that nobody reads are dropped.
     stay = {name: arrays[name] for name in (*kept, "verdict")}
     return tape.program(stay, shared_inputs(case.wrench))
@@ -437,17 +439,9 @@ def _platform_plan(
     ):
         return "whether fewer than six lines carry a load is seen posture by posture"
     # What the program depends on, and apart from it the numbers that may change.
-    case = PlatformCase(
-        numbers(platform.anchors),
-        numbers(platform.points),
-        numbers(platform.T_P_M),
-        float(platform.length),
-        "preload" if has_preload.any() else "open" if is_open.any() else "given",
-        wrench,
-        springs.unilateral,
-        tuple(points),
-        bool(loose),
-    )
+    rest = "preload" if has_preload.any() else "open" if is_open.any() else "given"
+    acting = rest, wrench, springs.unilateral
+    case = _platform_case(platform, *acting, tuple(points), bool(loose))
     bounds = springs.bounds(np.zeros((1, m)), np.ones(m, bool))
     given = np.zeros(m) if preload is None else preload
     shared = {
@@ -477,6 +471,12 @@ def _platform_plan(
 
 # Which function plans a kind of mechanism.
 _PLANNERS: dict[type, Any] = {Chain: _chain_plan, Platform: _platform_plan}
+
+
+def _platform_case(platform: Platform, *acting: Any, **more: Any) -> PlatformCase:
+    """A case with the geometry of a platform."""
+    places = map(numbers, (platform.anchors, platform.points, platform.T_P_M))
+    return PlatformCase(*places, float(platform.length), *acting, **more)
 
 
 def _forces(
@@ -510,14 +510,7 @@ def _strut_plan(
     m = len(struts.stiffness)
     # The struts' rest lengths balance the wrench; the program reads it from their
     # gradient.
-    case = PlatformCase(
-        numbers(platform.anchors),
-        numbers(platform.points),
-        numbers(platform.T_P_M),
-        float(platform.length),
-        points_of_forces=tuple(points),
-        derivatives=True,
-    )
+    case = _platform_case(platform, points_of_forces=tuple(points), derivatives=True)
     shared = {"stiffness": np.zeros((1, m)), "rest": np.zeros((1, m))}
     if forces:
         shared["forces"] = np.concatenate(forces)[None]

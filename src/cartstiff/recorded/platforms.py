@@ -29,11 +29,11 @@ from cartstiff.core.potentials.line_springs import lines_of_many, second_derivat
 from cartstiff.core.potentials.loads import held_force
 from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 from cartstiff.recorded.algebra import (
-    FALLBACK,
     JACOBIAN_CONDITION,
     LARGEST_ANGLE,
     PLAIN,
     STIFFNESS_CONDITION,
+    Judged,
     acting,
     add_compliances,
     connections,
@@ -133,7 +133,7 @@ class PlatformCase:
         return m > 6 and (is_chosen or (self.rest == "open" and carries))
 
 
-class PlatformNumbers:
+class PlatformNumbers(Judged):
     """A body on lines under a case, recorded: lines, energy of all else, tensions,
     wrench.
 
@@ -181,9 +181,9 @@ class PlatformNumbers:
         self.T, self.geometry = T, lines_of_many(T, anchors, points)
         # A leg without length has no direction, and large angles lose digits.
         size = _SHORTEST_LINE * larger(largest(anchors), largest(points))
-        self.verdict: Scalar = limited(largest(q[3:]), LARGEST_ANGLE)
+        self.verdict = limited(largest(q[3:]), LARGEST_ANGLE)
         for length in self.geometry.lengths:
-            self.verdict = larger(self.verdict, pick(size, length, PLAIN, FALLBACK))
+            self.require(limited(size, length))
 
     def _others(self, tape: Tape) -> None:
         """Set energy, gradient and Hessian of all but the lines."""
@@ -230,7 +230,7 @@ class PlatformNumbers:
         )
         self.squared_condition = forward * backward
         limit = limited(self.squared_condition, JACOBIAN_CONDITION**2)
-        self.verdict = larger(self.verdict, limit)
+        self.require(limit)
 
     def _pull(self, tape: Tape) -> None:
         """Set tensions and wrench, add their energy, and the verdict on bounds of
@@ -281,7 +281,7 @@ class PlatformNumbers:
         t = given + self.decomposition.apply(added)
         if not self.case.is_chosen:
             bounds = _bounds_hold(tape, self.case, t, cables)
-            self.verdict = larger(self.verdict, bounds)
+            self.require(bounds)
             return t
         others = self.decomposition.apply(np.eye(m)[:, 6:])
         self.chosen = {"nearest": t, "null": others}
@@ -378,7 +378,7 @@ def _bounds_hold(tape: Tape, case: PlatformCase, t: Array, cables: Array) -> Sca
         for i, most in enumerate(tape.vector("most", m)):
             if cables[i]:
                 least[i] = pick(0.0, least[i], least[i], mean)
-            verdict = larger(verdict, pick(t[i], most, PLAIN, FALLBACK))
+            verdict = larger(verdict, limited(t[i], most))
     for i in range(m) if m > 6 else np.flatnonzero(cables).tolist():
-        verdict = larger(verdict, pick(least[i], t[i], PLAIN, FALLBACK))
+        verdict = larger(verdict, limited(least[i], t[i]))
     return verdict

@@ -47,8 +47,10 @@ from cartstiff.recorded.arguments import (
 )
 from cartstiff.recorded.chains import ChainCase
 from cartstiff.recorded.kernels import WORTH_COMPILING, WORTH_RECORDING, kernel_of, run
+from cartstiff.recorded.known_numbers import Question
 from cartstiff.recorded.plans import Case, TracedModel, program_for
 from cartstiff.recorded.platforms import PlatformCase
+from cartstiff.recorded.tape import Arrays
 
 REGULAR, NOT_ASSEMBLED = "regular", "not-assembled"
 Indices = NDArray[np.intp]
@@ -93,7 +95,7 @@ def fill(
     elastic: ElasticMechanism,
     q: Array,
     wrench: Array | None,
-    rows: Mapping[str, Array],
+    rows: Arrays,
     load: LoadKind,
     axes: Axes,
 ) -> tuple[str, Array]:
@@ -104,14 +106,7 @@ def fill(
     for row in rows.values():
         row[...] = np.nan
     try:
-        result = analyse(
-            elastic,
-            q,
-            wrench=wrench,
-            load_kind=load.kind,
-            load_at=load.at,
-            load_axes=axes,
-        )
+        result = Question(elastic, q, wrench, load, axes).core
     except ConvergenceError:
         return NOT_ASSEMBLED, q
     except UndefinedError as error:
@@ -160,12 +155,17 @@ class Stack:
     loads: Array | None
     load: LoadKind
     axes: Axes
-    arrays: Mapping[str, Array]
+    arrays: Arrays
     state: NDArray[np.uint8]
     compiled: bool
     threads: int
     size: int | None
     codes: list[str] = field(default_factory=lambda: [REGULAR])
+
+    def loads_of(self, which: Any) -> Array | None:
+        """The wrench (6,), or those of some postures."""
+        is_one = self.loads is None or self.loads.ndim == 1
+        return self.loads if is_one else self.loads[which]  # type: ignore[index]
 
     def rows(self, names: Collection[str], which: Indices) -> dict[str, Array]:
         """Room for some outputs of the postures `which`."""
@@ -178,22 +178,21 @@ class Stack:
         self,
         case: Case,
         which: Indices,
-        rows: Mapping[str, Array],
-        more: Mapping[str, Array] | None = None,
+        rows: Arrays,
+        more: Arrays | None = None,
     ) -> NDArray[np.bool_]:
         """Fill `rows` of the postures `which` by another case.
 
         Which are plainly regular.
         """
         assert self.taken is not None
-        other, loads = replace(self.taken, case=case), self.loads
+        other = replace(self.taken, case=case)
         verdicts = np.zeros(len(which), np.uint8)
         if len(which):
             is_compiled = self.compiled and len(which) >= WORTH_COMPILING
             kernel = kernel_of(program_for(case, tuple(rows)), is_compiled)
-            own = loads[which] if loads is not None and loads.ndim == 2 else loads
-            q = self.q[which]
-            run(other, kernel, q, own, rows, verdicts, self.threads, self.size, more)
+            own = self.q[which], self.loads_of(which)
+            run(other, kernel, *own, rows, verdicts, self.threads, self.size, more)
         return verdicts == PLAIN
 
     def index(self, code: str) -> int:
@@ -280,8 +279,7 @@ class Stack:
         moved = is_moved(self.elastic, self.loads is not None)
         with numerics.one_thread():
             for i in which.tolist():
-                loads = self.loads
-                own = loads if loads is None or loads.ndim == 1 else loads[i]
+                own = self.loads_of(i)
                 rows = {name: array[i : i + 1] for name, array in self.arrays.items()}
                 code, closed = fill(
                     self.elastic, self.q[i], own, rows, self.load, self.axes
@@ -584,22 +582,15 @@ class Postures:
         MissingDependencyError
             Without xarray.
         """
-        names = [
-            name
-            for name, array in self.arrays.items()
-            if name.startswith(("stiffness", "compliance")) and array.ndim == 3
-        ]
+        data, axes = self.to_xarray(), ("posture", "wrench", "motion")
+        names = [name for name, own in data.items() if {*own.dims} == {*axes}]
         if not names:
             raise InputError(
                 "no matrices are among the outputs",
                 expected='outputs=["K"]',
                 got=", ".join(self.arrays),
             )
-        short = [
-            f"{name[0].upper().replace('S', 'K')}_{name.partition('_')[2]}"
-            for name in names
-        ]
-        return self.to_xarray()[short].to_dataframe(("posture", "wrench", "motion"))
+        return data[names].to_dataframe(axes)
 
     def counts(self) -> dict[str, int]:
         """Number of postures in each state that occurs."""

@@ -41,6 +41,7 @@ from cartstiff.recorded.arguments import (
     checked_q,
     checked_wrench,
     full_name,
+    shapes_of,
 )
 from cartstiff.recorded.assembly import Assembly, one_posture
 from cartstiff.recorded.closed_chains import settle
@@ -56,9 +57,10 @@ from cartstiff.recorded.quantities import (
     check_used,
     choose_quantities,
 )
-from cartstiff.recorded.recording import Recording, shapes_of
+from cartstiff.recorded.recording import Recording
 from cartstiff.recorded.source_steps import Before
-from cartstiff.recorded.sources import WRITERS, Facts
+from cartstiff.recorded.sources import WRITERS, Facts, Routine
+from cartstiff.recorded.tape import Arrays
 from cartstiff.recorded.tape import Program as Tape
 from cartstiff.recorded.untraced import UntracedTerms
 
@@ -82,7 +84,7 @@ class Inputs(TypedDict, total=False):
     tcp: ArrayLike
 
 
-class _Outputs(Mapping[str, Array]):
+class _Outputs(Arrays):
     """Arrays of one posture by name, views of one record; NaN where there is none."""
 
     __slots__ = ("_places", "_record")
@@ -240,7 +242,7 @@ class Program(Recording):
         """Coordinates that close the chain; None where the recorded steps do not."""
         return q if self._closing is None else self._closing(q)
 
-    def _plain(self, at: Array, given: Mapping[str, Array]) -> PostureStiffness | None:
+    def _plain(self, at: Array, given: Arrays) -> PostureStiffness | None:
         """A plainly regular posture, else None."""
         if self._answer is None:
             return None
@@ -263,30 +265,22 @@ class Program(Recording):
                 self.from_matrices, arrays, at[None], given.get("wrench"), elastic, load
             )
             record = np.concatenate([record, *(found[n] for n in self.from_matrices)])
-        return self._posture(record, self._places, at, given, self._state, True)
-
-    def _posture(
-        self,
-        record: Array,
-        places: Mapping[str, _Place],
-        q: Array,
-        given: Mapping[str, Array],
-        state: str,
-        is_plain: bool,
-    ) -> PostureStiffness:
-        """A posture whose outputs are known; the rest is found when it is read."""
-        record.flags.writeable, q = False, fixed(q)
-        outputs, acting = _Outputs(places, record), (self.load, self.load_axes)
-        question = Question(self.elastic, q, given.get("wrench"), *acting, given)
-        if is_plain and NOTEWORTHY in places:  # then there are all numbers
-            return with_numbers(question, q, outputs.existing())
-        known: dict[str, Any] = {"q": q, "is_plain": is_plain, "_outputs": outputs}
-        known["state"] = state
-        for name in self._alike if is_plain else ():
+        # A posture whose outputs are known; the rest is found when it is read.
+        record.flags.writeable, q = False, fixed(at)
+        outputs, question = _Outputs(self._places, record), self._question(q, given)
+        if NOTEWORTHY in outputs:  # then there are all numbers
+            return with_numbers(question, outputs.existing())
+        known: dict[str, Any] = {"q": q, "is_plain": True, "_outputs": outputs}
+        known["state"] = self._state
+        for name in self._alike:
             known[name] = outputs[name]
-        if is_plain and "energy" in places:
+        if "energy" in outputs:
             known["energy"] = float(outputs["energy"])
         return PostureStiffness.of_numbers(known, question)
+
+    def _question(self, q: Array, given: Arrays) -> Question:
+        acting = given.get("wrench"), self.load, self.load_axes
+        return Question(self.elastic, q, *acting, given)
 
     def _refuse(self, wrench: ArrayLike | None) -> None:
         if wrench is None:
@@ -297,7 +291,7 @@ class Program(Recording):
             "the program is recorded without a load", expected="loaded=True in record"
         )
 
-    def _by_analyse(self, q: Array, given: Mapping[str, Array]) -> PostureStiffness:
+    def _by_analyse(self, q: Array, given: Arrays) -> PostureStiffness:
         """One posture by `cartstiff.analyse`."""
         at = checked_input(q, (self._count,), "q")[None]
         wrench, (elastic, load) = given.get("wrench"), self.with_numbers(given)
@@ -305,16 +299,10 @@ class Program(Recording):
         acting = self._own, self.is_loaded, load, self.load_axes
         core = Recording(elastic, self._given, *acting, backend="engine")
         found = core.postures(at, wrench)
-        places, parts, stop = dict[str, _Place](), list[Array](), 0
-        for name in self.names:
-            part = np.ravel(found.arrays[name])
-            places[name] = slice(stop, stop + part.size), self._shapes[name]
-            parts.append(part)
-            stop += part.size
-        state = found.codes[found.state[0]]
-        return self._posture(
-            np.concatenate(parts), places, found.q[0], given, state, False
-        )
+        outputs = {name: fixed(found.arrays[name][0]) for name in self.names}
+        state, q = found.codes[found.state[0]], fixed(found.q[0])
+        known = {"q": q, "state": state, "is_plain": False, "_outputs": outputs}
+        return PostureStiffness.of_numbers(known, self._question(q, given))
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
         """Numbers of an input."""
@@ -329,7 +317,7 @@ class Program(Recording):
             )
         return found
 
-    def _derivatives(self, q: Array, given: Mapping[str, Array]) -> dict[str, Array]:
+    def _derivatives(self, q: Array, given: Arrays) -> dict[str, Array]:
         """Derivatives of the terms outside the programs; NaN where they are in doubt."""
         if self._untraced is None:
             return {}
@@ -346,7 +334,7 @@ class Program(Recording):
     # -- closed chains and compliant links
     # -----------------------------------------------------
 
-    def _placed(self, q: Array, given: Mapping[str, Array]) -> Array | None:
+    def _placed(self, q: Array, given: Arrays) -> Array | None:
         """Coordinates that close the chain, and at which links carry the load;
         None if unknown.
         """
@@ -405,8 +393,9 @@ class Program(Recording):
             raise InputError("no source: the outputs exist at no posture")
         steps = tuple(step for n in exist for step in tape.outputs[n])
         tape = tape.with_outputs({"record": steps, "verdict": tape.outputs["verdict"]})
-        given = self._constants(taken), self._facts(exist), name
-        return WRITERS[language](tape, *given, Before.of(taken, self._count))
+        before, constants = Before.of(taken, self._count), self._constants(taken)
+        own = Routine(name, tape, constants, before, self._facts(exist))
+        return WRITERS[language](own)
 
     def _constants(self, taken: TracedModel) -> dict[str, Array]:
         """Numbers that all postures share and a call cannot replace."""
@@ -522,7 +511,7 @@ class Program(Recording):
         path = "portable" if self.path == "python" else self.path
         return self._kernel(self._answer, self.tape, count), path, self.reason
 
-    def _one_of(self, tape: Tape, shared: Mapping[str, Array]) -> OnePosture:
+    def _one_of(self, tape: Tape, shared: Arrays) -> OnePosture:
         return one_posture(tape, shared)
 
     def _kernel(self, one: Kernel | None, tape: Tape, count: int) -> Kernel | None:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
+from operator import methodcaller
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -379,7 +380,7 @@ def _principal_quantities() -> Iterator[Quantity]:
             f"{'' if is_stiff else 'compliance_'}{freedom}_{others}_{end}",
             f"{which} principal {freedom}al {kind}, {locked} {others}",
             (_STIFF if is_stiff else _SOFT)[freedom],
-            partial(_end, kind=kind, freedom=freedom, others=others, column=column),
+            partial(_end, column=column, kind=kind, freedom=freedom, others=others),
             _PAIR if others == "held" else _FREE,
             better="larger" if is_stiff else "smaller",
         )
@@ -399,14 +400,10 @@ def _directional_quantities() -> Iterator[Quantity]:
             f"{word}_{others}",
             f"stiffness {word} the direction, everything else {others}",
             _STIFF[freedom],
-            partial(_on_axis, freedom=freedom, others=others),
+            methodcaller("on_axis", freedom, others),
             (*(_PAIR if others == "held" else _FREE), "pose"),
             "direction",
         )
-
-
-def _on_axis(s: Any, freedom: Freedom, others: Others) -> Numbers:
-    return s.on_axis(freedom, others)
 
 
 def frequency_name(which: int) -> str:
@@ -421,7 +418,7 @@ def _vibration_quantities() -> Iterator[Quantity]:
             frequency_name(i),
             words,
             "Hz",
-            partial(_of_mode, of="frequency", i=i),
+            methodcaller("frequency", i),
             ("pose",),
         )
     for i in range(6):
@@ -429,7 +426,7 @@ def _vibration_quantities() -> Iterator[Quantity]:
             f"damping_{i + 1}",
             f"damping ratio of mode {i + 1} under the load, the slowest first",
             "1",
-            partial(_of_mode, of="damping_ratio", i=i),
+            methodcaller("damping_ratio", i),
             ("pose",),
             "damping",
             is_recorded=False,
@@ -438,10 +435,6 @@ def _vibration_quantities() -> Iterator[Quantity]:
 
 def _condition_of(s: Any, freedom: Freedom) -> Numbers:
     return s.ratio(s.principal("stiffness", freedom, "held"))
-
-
-def _of_mode(s: Any, of: str, i: int) -> Numbers:
-    return getattr(s, of)(i)
 
 
 #: Every quantity by name.
@@ -515,7 +508,7 @@ QUANTITIES: dict[str, Quantity] = {
             "unstable_directions",
             "number of negative eigenvalues of K",
             "1",
-            lambda s: s.unstable(),
+            methodcaller("unstable"),
             _PAIR,
             better="smaller",
         ),
@@ -539,7 +532,7 @@ QUANTITIES: dict[str, Quantity] = {
             "connection_change",
             "largest relative change of stiffness by another choice of connection",
             "1",
-            lambda s: s.connection_change(),
+            methodcaller("connection_change"),
             ("inverse", *(f"stiffness_{name}" for name in OF_MANY)),
             "length",
             "smaller",
@@ -549,7 +542,7 @@ QUANTITIES: dict[str, Quantity] = {
             "singular_value_ratio",
             "smallest over largest singular value of the Jacobian",
             "1",
-            lambda s: s.singular_value_ratio(),
+            methodcaller("singular_value_ratio"),
             ("jacobian",),
             "length",
         ),
@@ -557,7 +550,7 @@ QUANTITIES: dict[str, Quantity] = {
             "manipulability",
             "product of the Jacobian's singular values, each joint in its own unit",
             "{length}^3",
-            lambda s: s.manipulability(),
+            methodcaller("manipulability"),
             ("jacobian",),
         ),
         *_vibration_quantities(),

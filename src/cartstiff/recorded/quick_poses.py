@@ -4,13 +4,13 @@ r"""Inverse kinematics of arms by machine code, from the recorded steps of
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
 
 from cartstiff.core import numerics
 from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.kinematics.joint_poses import LONGEST_STEP, Free, JointPoses
@@ -45,18 +45,12 @@ class QuickPoses(JointPoses):
         if has_package("llvmlite") and len(mechanism.screws()):
             constants = chain_constants(cast(Chain, mechanism))
             self._constants = None if isinstance(constants, str) else constants
-        self._known: dict[str, CompiledKernel] = {}
 
     def _errors(self, q: Array, T_wanted: Array, free: Free) -> tuple[Array, Array]:
-        constants = self._constants
-        if constants is None or free != "none":
+        if self._constants is None or free != "none":
             return super()._errors(q, T_wanted, free)
         count, n = q.shape
-        kernel = self._kernel(
-            "errors",
-            lambda: _error_program(constants, self.length, self.sizes * self.movable),
-        )
-        arrays = kernel({"q": q, "wanted": T_wanted[:, :3].reshape(count, 12)})
+        arrays = self._of_errors({"q": q, "wanted": T_wanted[:, :3].reshape(count, 12)})
         e, J = arrays["e"], arrays["jacobian"].reshape(count, 6, n)
         turned = np.flatnonzero(arrays["verdict"][:, 0] != PLAIN)
         if turned.size:
@@ -67,10 +61,6 @@ class QuickPoses(JointPoses):
         if self._constants is None or J.shape[1] != 6:
             return super()._step(q, e, J, mu)
         count, n = q.shape
-        is_limited = bool(np.isfinite([self.lower, self.upper]).any())
-        kernel = self._kernel(
-            f"step {is_limited}", lambda: _step_program(self.sizes, is_limited)
-        )
         inputs = {
             "q": q,
             "e": e,
@@ -79,12 +69,18 @@ class QuickPoses(JointPoses):
             "lower": self.lower[None],
             "upper": self.upper[None],
         }
-        return kernel(inputs)["step"]
+        return self._of_steps(inputs)["step"]
 
-    def _kernel(self, key: str, program: Callable[[], Program]) -> CompiledKernel:
-        if key not in self._known:
-            self._known[key] = CompiledKernel(program())
-        return self._known[key]
+    @cached_property
+    def _of_errors(self) -> CompiledKernel:
+        assert self._constants is not None
+        sizes = self.sizes * self.movable
+        return CompiledKernel(_error_program(self._constants, self.length, sizes))
+
+    @cached_property
+    def _of_steps(self) -> CompiledKernel:
+        is_limited = bool(np.isfinite([self.lower, self.upper]).any())
+        return CompiledKernel(_step_program(self.sizes, is_limited))
 
 
 def _error_program(constants: TreeConstants, length: float, sizes: Array) -> Program:

@@ -24,7 +24,7 @@ motion costs nothing or is unstable.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
@@ -41,6 +41,7 @@ from cartstiff.core.stiffness.applied_load import LoadKind
 from cartstiff.recorded.algebra import (
     FALLBACK,
     PLAIN,
+    Judged,
     LoadAtInput,
     below,
     changed_compliance,
@@ -75,6 +76,7 @@ from cartstiff.recorded.quantities import (
 )
 from cartstiff.recorded.strength import OF_STRENGTH
 from cartstiff.recorded.tape import (
+    Arrays,
     Scalar,
     absolute,
     copysign,
@@ -136,7 +138,7 @@ def eigenvalues(matrix: Array) -> tuple[list[Scalar], Scalar]:
         left = left + work[p, q] * work[p, q]
     verdict: Scalar = PLAIN
     if not is_zero(left):
-        verdict = pick(left, whole * _MAX_OFF_DIAGONAL**2, PLAIN, FALLBACK)
+        verdict = limited(left, whole * _MAX_OFF_DIAGONAL**2)
     return list(work.diagonal()), larger(verdict, limited(whole, np.inf))
 
 
@@ -199,7 +201,7 @@ def largest_eigenvalue(matrix: Array) -> tuple[Scalar, Scalar]:
         root = (p1 * p1) * float((n - 1) ** 2) - (p * p2) * float(n * (n - 1))
         step = p * float(n) / (p1 + square_root(larger(root, 0.0)))
         x = x - step
-    return x * whole, pick(absolute(step), x * _MAX_LAST_STEP, PLAIN, FALLBACK)
+    return x * whole, limited(absolute(step), x * _MAX_LAST_STEP)
 
 
 def _tridiagonal(matrix: Array) -> tuple[list[Scalar], list[Scalar]]:
@@ -271,13 +273,13 @@ def principal_values(
     """
     values, doubt = eigenvalues(matrix)
     ordered = ascending(values)
-    alone = pick(ordered[-1], ordered[0] * _MAX_BLOCK_CONDITION, PLAIN, FALLBACK)
+    alone = limited(ordered[-1], ordered[0] * _MAX_BLOCK_CONDITION)
     if inverse is None:
         return ordered, larger(doubt, alone)
     others, verdict = eigenvalues(inverse)
     others = ascending(others)
     for least in (ordered[0], others[0]):
-        verdict = larger(verdict, pick(0.0, least, PLAIN, FALLBACK))
+        verdict = larger(verdict, limited(0.0, least))
     merged = []
     for x, y in zip(ordered, reversed(others), strict=True):
         direct, around = ordered[-1] / x, growth * others[-1] / y
@@ -305,12 +307,10 @@ def cube_root(x: Scalar) -> tuple[Scalar, Scalar]:
     for _ in range(_HALLEY_STEPS):
         y = y * (cube + x + x) / (cube + cube + x)
         cube = y * y * y
-    return y, pick(absolute(cube - x), x * numerics.ROUNDOFF, PLAIN, FALLBACK)
+    return y, limited(absolute(cube - x), x * numerics.ROUNDOFF)
 
 
-def periods(
-    arrays: Mapping[str, Array], D: Array, number: int
-) -> tuple[list[Scalar], Scalar]:
+def periods(arrays: Arrays, D: Array, number: int) -> tuple[list[Scalar], Scalar]:
     """The largest 1 / omega^2, and the verdict on them.
 
     Parameters
@@ -403,7 +403,7 @@ class Readings:
             names.append(self.settings.drives.output)
         return (*names, "stiffness_A", "pose", "jacobian", "wrench", "energy")
 
-    def exist_beside(self, arrays: Mapping[str, Array]) -> bool:
+    def exist_beside(self, arrays: Arrays) -> bool:
         """Whether all required outputs exist."""
         of_jacobian = any("jacobian" in QUANTITIES[name].needs for name in self.names)
         return all(
@@ -418,19 +418,18 @@ _MAX_PAIR_CONDITION = 0.99 * numerics.LARGEST_PAIRED_CONDITION
 _LEAST_PIVOT_SHARE = 0.1 / numerics.LARGEST_PAIRED_CONDITION
 
 
-class RecordedSource(Source):
+class RecordedSource(Source, Judged):
     """Recorded matrices of one posture."""
 
     def __init__(
         self,
-        arrays: Mapping[str, Array],
+        arrays: Arrays,
         asked: Readings,
         load: LoadKind | LoadAtInput | None = None,
     ) -> None:
         super().__init__(arrays, asked.settings)
         self.load = load or asked.settings.load
         self.asked = asked
-        self.verdict: Scalar = PLAIN
         own = asked.settings.connection
         if own == "load":
             D = self.load.change(arrays["wrench"])
@@ -454,10 +453,6 @@ class RecordedSource(Source):
         changed, doubt = changed_compliance(C, D, self.settings.length)
         self.require(doubt)
         return changed
-
-    def require(self, verdict: Scalar) -> None:
-        """Add a verdict."""
-        self.verdict = larger(self.verdict, verdict)
 
     def _require_digits(self) -> None:
         """Require that stiffness and compliance determine all principal values.
@@ -506,7 +501,7 @@ class RecordedSource(Source):
             a, b = ascending(a), ascending(b)
             self.require(larger(doubt, other))
             for least in (a[0], b[0]):
-                self.require(pick(0.0, least, PLAIN, FALLBACK))
+                self.require(limited(0.0, least))
             values = []
             for x, y in zip(a, reversed(b), strict=True):
                 # From the matrix in which it is nearer to the largest one.
@@ -550,7 +545,7 @@ class RecordedSource(Source):
         at_zero: float = np.nan,  # noqa: ARG002
     ) -> Scalar:
         """The value; requires that `least` is positive."""
-        self.require(pick(0.0, least, PLAIN, FALLBACK))
+        self.require(limited(0.0, least))
         return value
 
     def unstable(self) -> Scalar:
@@ -566,7 +561,7 @@ class RecordedSource(Source):
             return 1.0 / on_axis
         terms: Any = sum(absolute(x) for x in (block * np.outer(u, u)).ravel())
         rounding = absolute(on_axis) * (numerics.REPORTED_ERROR / numerics.EPSILON)
-        self.require(pick(terms, rounding, PLAIN, FALLBACK))
+        self.require(limited(terms, rounding))
         return on_axis
 
     def singular_value_ratio(self) -> Scalar:
@@ -623,7 +618,7 @@ READINGS = {name: quantity for name, quantity in BUILT_IN.items() if quantity.is
 
 
 def read(
-    arrays: Mapping[str, Array],
+    arrays: Arrays,
     asked: Readings,
     load: LoadKind | LoadAtInput | None = None,
 ) -> tuple[Array, Scalar]:

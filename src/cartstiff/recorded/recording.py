@@ -20,7 +20,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError, MissingDependencyError, UnknownNameError
@@ -34,7 +34,6 @@ from cartstiff.core.stiffness.applied_load import (
 )
 from cartstiff.recorded.algebra import FALLBACK, PLAIN
 from cartstiff.recorded.arguments import (
-    DETAILS,
     EVERY_OUTPUT,
     MOTIONS,
     OF_VIBRATIONS,
@@ -46,7 +45,7 @@ from cartstiff.recorded.arguments import (
     checked_names,
     checked_q,
     checked_wrench,
-    shape_of,
+    shapes_of,
 )
 from cartstiff.recorded.execution import Kernel
 from cartstiff.recorded.gradient import gradient_program
@@ -82,6 +81,7 @@ from cartstiff.recorded.postures import (
 from cartstiff.recorded.quantities import FREQUENCIES, Quantity, choose_quantities
 from cartstiff.recorded.readings import Readings, recordable, with_masses
 from cartstiff.recorded.stacks import needed_outputs, quantities_of
+from cartstiff.recorded.tape import Arrays
 from cartstiff.recorded.tape import Program as Tape
 
 #: No outputs but those with a name.
@@ -226,8 +226,8 @@ class Recording:
         self,
         q: Array,
         loads: Array | None,
-        arrays: Mapping[str, Array] | None = None,
-        numbers: Mapping[str, Array] | None = None,
+        arrays: Arrays | None = None,
+        numbers: Arrays | None = None,
         threads: int = 1,
         size: int | None = None,
         one_by_one: int | None = None,
@@ -253,29 +253,26 @@ class Recording:
         # One pass over all postures; mostly that is all.
         kernel, path, reason = self._code(count)
         state, taken = np.full(count, FALLBACK, np.uint8), self._with(numbers)
+        stack = Stack(
+            elastic,
+            taken,
+            at,
+            loads,
+            load,
+            self.load_axes,
+            arrays,
+            state,
+            path == "compiled",
+            threads,
+            size,
+        )
         if kernel is not None:
-            given = numbers or {}
-            self._fill(kernel, taken, at, loads, given, arrays, state, threads, size)
+            self._fill(kernel, stack)
         # What is left is read from matrices, or decided where these are computed.
         if self._own or self._own.quantities or (taken is not None and kernel is None):
-            codes, fallback, other = self._fill_others(
-                elastic, load, q, at, loads, arrays, state, threads, one_by_one
-            )
+            codes, fallback, other = self._fill_others(stack, q, one_by_one)
             path = other if kernel is None else path
         else:
-            stack = Stack(
-                elastic,
-                taken,
-                at,
-                loads,
-                load,
-                self.load_axes,
-                arrays,
-                state,
-                path == "compiled",
-                threads,
-                size,
-            )
             fallback, codes = stack.decide(one_by_one), stack.codes
         units = units_of(elastic.units)
         units |= {one.name: one.words(elastic.units) for one in self._quantities}
@@ -328,7 +325,7 @@ class Recording:
             rows[verdicts != PLAIN] = np.nan
         return found
 
-    def _one_of(self, tape: Tape, shared: Mapping[str, Array]) -> Kernel | None:  # noqa: ARG002
+    def _one_of(self, tape: Tape, shared: Arrays) -> Kernel | None:  # noqa: ARG002
         """The code of a program for single postures, if there is some."""
         return None
 
@@ -358,20 +355,10 @@ class Recording:
         path = "portable" if reason else "compiled"
         return kernel_of(tape, not reason), path, reason
 
-    def _fill(
-        self,
-        kernel: Kernel,
-        taken: TracedModel | None,
-        q: Array,
-        loads: Array | None,
-        numbers: Mapping[str, Array],
-        arrays: Mapping[str, Array],
-        verdicts: NDArray[np.uint8],
-        threads: int,
-        size: int | None,
-    ) -> None:
+    def _fill(self, kernel: Kernel, stack: Stack) -> None:
         """Fill arrays of plainly regular postures, and verdicts."""
-        assert taken is not None
+        assert stack.taken is not None
+        q, arrays, threads = stack.q, stack.arrays, stack.threads
         made = [name for name in kernel.program.outputs if name != "verdict"]
         more = [name for name in made if name not in arrays]
         direct = {
@@ -381,29 +368,30 @@ class Recording:
         }
         # Of matrices that are only read, those of some postures at a time.
         for part in _blocks(len(q), _BLOCK * threads if more else len(q)):
-            own = loads if loads is None or loads.ndim == 1 else loads[part]
+            own, verdicts = stack.loads_of(part), stack.state[part]
             rows = {name: array[part] for name, array in direct.items()}
             count = len(q[part])
             rows |= {name: np.empty((count, *self._shapes[name])) for name in more}
+            how = threads, stack.size
             run(
-                taken,
+                stack.taken,
                 kernel,
                 q[part],
                 own,
                 rows,
-                verdicts[part],
-                threads,
-                size,
+                verdicts,
+                *how,
                 made=self._steps(),
             )
             if self.from_matrices:
-                known = np.flatnonzero(verdicts[part] == PLAIN)
+                known = np.flatnonzero(verdicts == PLAIN)
                 found = self._read(
                     self.from_matrices,
                     {name: array[known] for name, array in rows.items()},
                     q[part][known],
                     own if own is None or own.ndim == 1 else own[known],
-                    *self.with_numbers(numbers),
+                    stack.elastic,
+                    stack.load,
                 )
                 for name, values in found.items():
                     arrays[name][part][known] = values
@@ -413,16 +401,7 @@ class Recording:
         return {}
 
     def _fill_others(
-        self,
-        elastic: ElasticMechanism,
-        load: LoadKind,
-        q: Array,
-        at: Array,
-        loads: Array | None,
-        arrays: Mapping[str, Array],
-        state: NDArray[np.uint8],
-        threads: int,
-        one_by_one: int | None,
+        self, stack: Stack, q: Array, one_by_one: int | None
     ) -> tuple[list[str], int, str]:
         """Fill the postures that are not plain from their matrices.
 
@@ -437,21 +416,22 @@ class Recording:
         """
         usual = REGULAR if self.taken is None else self.taken.regular
         codes, fallback, path = list(dict.fromkeys((REGULAR, usual))), 0, "engine"
+        state, load = stack.state, stack.load
         which = np.flatnonzero(state != PLAIN)
         state[:] = codes.index(usual)
-        acting = self.is_loaded, load, self.load_axes
-        base = Recording(elastic, self._base, NOTHING, *acting, backend=self._backend)
+        given = stack.elastic, self._base, NOTHING, self.is_loaded, load, self.load_axes
+        base = Recording(*given, backend=self._backend)
         # Matrices of some postures at a time, and what follows from them.
         for part in _blocks(len(which), _BLOCK):
             rows = which[part]
-            own = loads if loads is None or loads.ndim == 1 else loads[rows]
-            found = base.postures(q[rows], own, threads=threads, one_by_one=one_by_one)
-            at[rows], path = found.q, found.path
+            own, how = stack.loads_of(rows), {"threads": stack.threads}
+            found = base.postures(q[rows], own, one_by_one=one_by_one, **how)
+            stack.q[rows], path = found.q, found.path
             made = found.arrays
             made |= self._own.values(made)
             names = self._own.quantities
-            made |= self._read(names, made, found.q, own, elastic, load)
-            for name, array in arrays.items():
+            made |= self._read(names, made, found.q, own, stack.elastic, load)
+            for name, array in stack.arrays.items():
                 array[rows] = made[name]
             codes = list(dict.fromkeys((*codes, *found.codes)))
             index = np.array([codes.index(code) for code in found.codes], np.uint8)
@@ -462,7 +442,7 @@ class Recording:
     def _read(
         self,
         names: Collection[str],
-        arrays: Mapping[str, Array],
+        arrays: Arrays,
         q: Array,
         wrench: Array | None,
         elastic: ElasticMechanism,
@@ -484,7 +464,7 @@ class Recording:
             self.load_axes,
         )
 
-    def _with(self, numbers: Mapping[str, Array] | None) -> TracedModel | None:
+    def _with(self, numbers: Arrays | None) -> TracedModel | None:
         """The recorded arithmetic with other numbers."""
         if self.taken is None or not self.inputs:
             return self.taken
@@ -505,18 +485,6 @@ def _blocks(count: int, length: int) -> Iterator[slice]:
     return (slice(i, i + length) for i in range(0, count, max(length, 1)))
 
 
-def shapes_of(elastic: ElasticMechanism) -> dict[str, tuple[int, ...]]:
-    """Shape of each output at one posture."""
-    count = len(elastic.mechanism.coordinates)
-    legs = len(getattr(elastic.mechanism, "anchors", ()))
-    names = [
-        name
-        for name in (*EVERY_OUTPUT, *DETAILS)
-        if name != (TORQUES if legs else TENSIONS)
-    ]
-    return {name: shape_of(name, 1, count, legs)[1:] for name in names}
-
-
 @checked
 def analyse_many(
     elastic: ElasticMechanism,
@@ -527,7 +495,7 @@ def analyse_many(
     load_at: ArrayLike = DEAD_AT_ORIGIN.at,
     load_axes: Literal["body", "world"] = "body",
     outputs: Sequence[str] = ("stiffness_B",),
-    out: Mapping[str, Array] | None = None,
+    out: Arrays | None = None,
     threads: int | None = None,
     path: Backend = "auto",
     chunk: int | None = None,
@@ -598,11 +566,8 @@ def analyse_many(
             expected="0 or more",
             got=one_by_one,
         )
-    given = q if isinstance(q, np.ndarray) else coordinates
-    legs = len(getattr(elastic.mechanism, "anchors", ()))
-    arrays = arrays_for(
-        names, out, (*coordinates.shape, legs), {"q": given, "wrench": loads}
-    )
+    given = {"q": q if isinstance(q, np.ndarray) else coordinates, "wrench": loads}
+    arrays = arrays_for(elastic, names, out, len(coordinates), given)
     kind = checked_load(
         load_kind, load_at, load_axes, loads is not None, elastic.may_be_loaded
     )

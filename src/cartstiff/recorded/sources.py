@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from heapq import heapify, heappop, heappush
 from string import Template
@@ -17,10 +17,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.recorded.algebra import PLAIN
-from cartstiff.recorded.execution import HELPERS, JAVASCRIPT, PYTHON, Language, written
+from cartstiff.recorded.execution import (
+    C_LIKE,
+    HELPERS,
+    JAVASCRIPT,
+    PYTHON,
+    Language,
+    written,
+)
 from cartstiff.recorded.source_steps import Before, declared
+from cartstiff.recorded.tape import Arrays
 from cartstiff.recorded.tape import Program as Tape
 
 
@@ -51,64 +58,83 @@ class Facts(NamedTuple):
         return {"q": len(self.coordinates), **wrench, **self.inputs}
 
 
-def _c_number(value: float) -> str:
-    if math.isnan(value):
-        return "NAN"
-    if math.isinf(value):
-        return "INFINITY" if value > 0 else "(-INFINITY)"
-    return (
-        f"({value!r})" if value < 0 or str(value).startswith("-") else repr(float(value))
-    )
+class Routine(NamedTuple):
+    """What a source text computes.
+
+    Attributes
+    ----------
+    name : of the function.
+    program : its arithmetic, with the outputs "record" and "verdict".
+    shared : inputs (1, n) that are the same at all postures, by name.
+    before : steps towards the posture.
+    facts : for the head.
+    """
+
+    name: str
+    program: Tape
+    shared: Arrays
+    before: Before
+    facts: Facts
+
+    def steps(self, language: str, write: Callable[..., str]) -> list[str]:
+        """The steps in a language; `write` as `Before.text`, with the constants first."""
+        own = partial(write, self.shared)
+        return self.before.text(language, self.name, self.facts.arguments, own)
+
+    @property
+    def comment(self) -> str:
+        """A comment of C or JavaScript on inputs and outputs."""
+        lines = (f" * {line}".rstrip() for line in self.words)
+        return "\n".join(["/*", *lines, " */"])
+
+    @property
+    def words(self) -> list[str]:
+        """Names, shapes and units of inputs and outputs."""
+        facts = self.facts
+        words = [f"{self.name}: {facts.title}.", "", "q: coordinates"]
+        if self.before.moves:
+            words[-1] += " near the posture, whose own replace them: closed, links bent"
+        words += [f"  {i}: {text}" for i, text in enumerate(facts.coordinates)]
+        if facts.wrench:
+            words += ["wrench: the load, which the springs balance", *facts.wrench]
+        meanings = {
+            "load_at": "point of the load in M",
+            "payload": "mass [kg], and its centre in M",
+            "tcp": "pose of the tool in M: x, y, z, and roll, pitch, yaw [rad]",
+        }
+        for array, count in facts.inputs.items():
+            meaning = meanings.get(array, "of the springs")
+            words.append(f"{array}: {meaning}, {count} numbers")
+        words += ["out:", *(f"  {text}" for text in facts.outputs), ""]
+        words.append(
+            "Returns 0 where the posture is plainly regular; elsewhere the numbers do "
+            "not count."
+        )
+        return words
 
 
-_C = Language(
-    {
-        **{"add": "({}+{})", "sub": "({}-{})", "mul": "({}*{})", "div": "({}/{})"},
-        "neg": "(-{})",
-        **{"sqrt": "sqrt({})", "abs": "fabs({})", "sin": "sin({})", "cos": "cos({})"},
-        "max": "larger({},{})",
-        "copysign": "copysign({},{})",
-        "pick": "({}<{}?{}:{})",
-    },
-    _c_number,
-    "const double {}={};",
+_C = C_LIKE._replace(
+    words={**C_LIKE.words, "abs": "fabs({})", "max": "larger({},{})"},
+    nan="NAN",
+    infinity="INFINITY",
+    named="const double {}={};",
 )
 # C's fmax drops a NaN, which has to reach the verdict.
 _LARGER = "static double larger(double x, double y) { return x > y || x != x ? x : y; }"
 
 
-def c_source(
-    program: Tape,
-    shared: Mapping[str, Array],
-    facts: Facts,
-    name: str,
-    before: Before,
-) -> str:
-    """One C99 function of a posture, without allocation.
-
-    Parameters
-    ----------
-    program : Program
-        With the outputs "record" and "verdict".
-    shared : mapping of str to ndarray (1, n)
-        Inputs that are the same at all postures.
-    facts : Facts
-        For the head.
-    name : str
-        Of the function.
-    before : Before
-        Steps towards the posture.
-    """
+def c_source(of: Routine) -> str:
+    """One C99 function of a posture, without allocation."""
+    name, program, shared, before, facts = of
     # The arithmetic of a posture at rest.
     body, read, called = _c_body(program, shared, name)
     *body, verdict = body
     arguments = declared(facts.arguments, before.moves)
-    parts = [_comment(facts, name, before.moves), "#include <math.h>", "", _LARGER]
+    parts = [of.comment, "#include <math.h>", "", _LARGER]
     calls = [f"  (void){array};" for array in facts.arguments if array not in read]
     # What comes before it, in this order: close the chain, come to rest, take up the
     # links.
-    write = partial(_c_function, shared)
-    parts += before.text("c", name, facts.arguments, write)
+    parts += of.steps("c", _c_function)
     if before.closing is not None:
         calls.append(f"  if ({name}_close(q)) return 1;")
     if before.settling is not None:
@@ -125,7 +151,7 @@ def c_source(
 
 
 def _c_function(
-    shared: Mapping[str, Array], program: Tape, name: str, arguments: Mapping[str, int]
+    shared: Arrays, program: Tape, name: str, arguments: Mapping[str, int]
 ) -> str:
     """A program as a function of all its outputs, the verdict last."""
     (*body, last), read, called = _c_body(program, shared, name)
@@ -145,7 +171,7 @@ _VALUE = re.compile(r"\bv\d+\b")
 
 
 def _c_body(
-    program: Tape, shared: Mapping[str, Array], name: str
+    program: Tape, shared: Arrays, name: str
 ) -> tuple[list[str], set[str], list[str]]:
     """Lines that compute and write a program's record, then its verdict; the arrays
     read; and functions that these lines call.
@@ -158,7 +184,7 @@ def _c_body(
     heads, constants = list[str](), list[str]()
     for array, short in arrays.items():
         if array in shared:
-            numbers = ", ".join(_c_number(x) for x in np.ravel(shared[array]).tolist())
+            numbers = ", ".join(_C.number(x) for x in np.ravel(shared[array]).tolist())
             constants.append(f"static const double {name}_{short}[] = {{{numbers}}};")
             heads.append(f"  const double *const {short} = {name}_{short};")
         else:
@@ -197,16 +223,11 @@ def _c_body(
     return body, {*arrays}, [*constants, "", *functions]
 
 
-def python_source(
-    program: Tape,
-    shared: Mapping[str, Array],
-    facts: Facts,
-    name: str,
-    before: Before,
-) -> str:
+def python_source(of: Routine) -> str:
     """A Python function of numbers: whether the posture is plainly regular,
     and the record.
     """
+    name, program, shared, before, facts = of
     arguments = ", ".join(facts.arguments)
     lines = list[str]()
     if before.closing is not None:
@@ -218,11 +239,11 @@ def python_source(
     body, outputs = _body(program, shared, PYTHON)
     lines += [*body, f"*record, verdict = {', '.join(outputs)}"]
     lines.append(f"return verdict == {PLAIN!r} and isfinite(sum(record)), record")
-    words = "\n    ".join(_words(facts, name, before.moves)[:-1])
+    words = "\n    ".join(of.words[:-1])
     parts = [
         "from math import ceil, copysign, cos, inf, isfinite, sin, sqrt",
         "",
-        *before.text("python", name, facts.arguments, partial(_python_function, shared)),
+        *of.steps("python", _python_function),
         "",
         f"def {name}({arguments}):",
         f'    """{words}\n    """',
@@ -236,7 +257,7 @@ def python_source(
 
 
 def _body(
-    program: Tape, shared: Mapping[str, Array], language: Language
+    program: Tape, shared: Arrays, language: Language
 ) -> tuple[list[str], list[str]]:
     """Lines of Python or JavaScript that compute a program, and its outputs."""
     lines, outputs, _, arrays = written(program, language)
@@ -249,7 +270,7 @@ def _body(
 
 
 def _python_function(
-    shared: Mapping[str, Array], program: Tape, name: str, arguments: Mapping[str, int]
+    shared: Arrays, program: Tape, name: str, arguments: Mapping[str, int]
 ) -> str:
     """A program as a function of lists."""
     lines, outputs = _body(program, shared, PYTHON)
@@ -375,13 +396,7 @@ $lines
 """
 
 
-def jax_source(
-    program: Tape,
-    shared: Mapping[str, Array],
-    facts: Facts,
-    name: str,
-    before: Before,
-) -> str:
+def jax_source(of: Routine) -> str:
     """A function of JAX arrays: whether the posture is plainly regular,
     and the outputs by name.
 
@@ -389,13 +404,14 @@ def jax_source(
     therefore rows of a table, and a loop computes some at once; it compiles in a second,
     whatever their number. Derivatives are those of each operation, along the same loop.
     """
+    name, program, shared, before, facts = of
     # The steps towards the posture, from numbers that are no variables there; then its
     # derivatives.
     constants = {array: rows.ravel().tolist() for array, rows in shared.items()}
     every = ", ".join(f"{n!r}: np.array({row})" for n, row in constants.items())
     parts = ["", f"\n{name}_shared = {{{every}}}"]
-    parts += before.text("jax", name, facts.arguments, _jax_function)
-    parts.append(_jax_function(program, f"{name}_numbers", {}))
+    parts += of.steps("jax", _jax_function)
+    parts.append(_jax_function(shared, program, f"{name}_numbers", {}))
     lines, ahead = list[str](), f"{name}_step({{'q': q}})"
     if before.closing is not None:
         lines += [f"fixed['q'], plain = {name}_close(fixed['q'])"]
@@ -415,7 +431,7 @@ def jax_source(
     for output, shape in facts.shapes.items():
         places.append((output, starts, shape))
         starts += math.prod(shape)
-    head = _words(facts, name, before.moves)[:-2]
+    head = of.words[:-2]
     head += [
         "",
         "Returns whether the posture is plainly regular, and the outputs by name;",
@@ -436,6 +452,7 @@ def jax_source(
 
 
 def _jax_function(
+    shared: Arrays,  # noqa: ARG001
     program: Tape,
     name: str,
     arguments: Mapping[str, int],  # noqa: ARG001
@@ -504,16 +521,11 @@ def _in_steps(program: Tape) -> tuple[list[list[int]], dict[int, int], int]:
     return steps, place, first
 
 
-def javascript_source(
-    program: Tape,
-    shared: Mapping[str, Array],
-    facts: Facts,
-    name: str,
-    before: Before,
-) -> str:
+def javascript_source(of: Routine) -> str:
     """A JavaScript function of arrays: the record, or null where it is not
     plainly regular.
     """
+    name, program, shared, before, facts = of
     arguments, lines = ",".join(facts.arguments), list[str]()
     # The posture is found first, and replaces the coordinates.
     moves = {"close(q)": before.closing, f"settle({arguments})": before.settling}
@@ -525,48 +537,17 @@ def javascript_source(
         lines += [f"const [{','.join(before.terms)}]=terms;"]
     body, (*record, verdict) = _body(program, shared, JAVASCRIPT)
     lines += [*body, f"return {verdict}==={PLAIN:g}?[{','.join(record)}]:null;"]
-    write = partial(javascript_function, shared)
-    parts = [_comment(facts, name, before.moves), HELPERS]
-    parts += before.text("javascript", name, facts.arguments, write)
+    parts = [of.comment, HELPERS, *of.steps("javascript", javascript_function)]
     return "\n".join([*parts, f"function {name}({arguments}){{{''.join(lines)}}}\n"])
 
 
 def javascript_function(
-    shared: Mapping[str, Array], program: Tape, name: str, arguments: Mapping[str, int]
+    shared: Arrays, program: Tape, name: str, arguments: Mapping[str, int]
 ) -> str:
     """A program as a function of arrays."""
     body, outputs = _body(program, shared, JAVASCRIPT)
     head = f"function {name}({','.join(arguments)})"
     return f"{head}{{{''.join(body)}return [{','.join(outputs)}];}}"
-
-
-def _comment(facts: Facts, name: str, is_moved: bool) -> str:
-    """A comment of C or JavaScript on inputs and outputs."""
-    words = _words(facts, name, is_moved)
-    return "\n".join(["/*", *(f" * {line}".rstrip() for line in words), " */"])
-
-
-def _words(facts: Facts, name: str, is_moved: bool) -> list[str]:
-    """Names, shapes and units of inputs and outputs."""
-    words = [f"{name}: {facts.title}.", "", "q: coordinates"]
-    if is_moved:
-        words[-1] += " near the posture, whose own replace them: closed, links bent"
-    words += [f"  {i}: {text}" for i, text in enumerate(facts.coordinates)]
-    if facts.wrench:
-        words += ["wrench: the load, which the springs balance", *facts.wrench]
-    meanings = {
-        "load_at": "point of the load in M",
-        "payload": "mass [kg], and its centre in M",
-        "tcp": "pose of the tool in M: x, y, z, and roll, pitch, yaw [rad]",
-    }
-    for array, count in facts.inputs.items():
-        words.append(f"{array}: {meanings.get(array, 'of the springs')}, {count} numbers")
-    words += ["out:", *(f"  {text}" for text in facts.outputs), ""]
-    words.append(
-        "Returns 0 where the posture is plainly regular; elsewhere the numbers do not "
-        "count."
-    )
-    return words
 
 
 #: Writes a source.

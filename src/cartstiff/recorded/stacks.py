@@ -8,7 +8,7 @@ not exist at a posture is NaN.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -39,6 +39,7 @@ from cartstiff.recorded.quantities import (
     Source,
 )
 from cartstiff.recorded.strength import rates_in_loops
+from cartstiff.recorded.tape import Arrays
 from cartstiff.recorded.vibrations import ManyModes
 
 
@@ -77,7 +78,7 @@ class Stacks(Source):
 
     def __init__(
         self,
-        arrays: Mapping[str, Array],
+        arrays: Arrays,
         settings: Settings,
         lengths: Array | None = None,
         swing: ManyModes | None = None,
@@ -272,7 +273,7 @@ def needed_outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[
 
 def evaluate(
     quantities: Sequence[Quantity],
-    arrays: Mapping[str, Array],
+    arrays: Arrays,
     settings: Settings,
     lengths: Array | None = None,
     swing: ManyModes | None = None,
@@ -310,7 +311,7 @@ def quantities_of(
     elastic: ElasticMechanism,
     quantities: Sequence[Quantity],
     settings: Settings,
-    arrays: Mapping[str, Array],
+    arrays: Arrays,
     q: Array,
     wrench: Array | None,
     load_axes: Axes,

@@ -23,6 +23,9 @@ import numpy as np
 
 from cartstiff.core.geometry.se3 import Array
 
+#: Arrays by name: inputs of a program, or its outputs.
+Arrays = Mapping[str, Array]
+
 
 @contextmanager
 def uncollected() -> Iterator[None]:
@@ -145,7 +148,7 @@ class Tape:
             self.operations.append(key)
         return known
 
-    def program(self, outputs: Mapping[str, Array], shared: Sequence[str]) -> Program:
+    def program(self, outputs: Arrays, shared: Sequence[str]) -> Program:
         """Program of the operations that the outputs depend on, renumbered.
 
         Inputs in `shared` have one row for all postures.

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -119,6 +119,10 @@ class TreeConstants:
     def _hash(self) -> int:  # computed once: every call looks up a kernel by it
         return hash((self.placements, self.screws, self.body))
 
+    def sizes(self, length: Any) -> Array:
+        """Natural sizes (n,) of the coordinates: a length, or 1 for angles."""
+        return np.array([length if d else 1.0 for d in self.is_length], object)
+
     def support(self, joint: int) -> list[int]:
         """Joints on the path from the ground to one (counted from 1), counted from 0."""
         joints: list[int] = []
@@ -138,6 +142,26 @@ class TreeConstants:
 def numbers(array: Array) -> tuple[float, ...]:
     """All entries of an array, row by row."""
     return tuple(np.ravel(array).tolist())
+
+
+def tree_constants(chain: Chain, count: int | None = None) -> TreeConstants:
+    """Geometry of a tree, or of its first few joints, with its loop closures."""
+    tree = chain.tree
+
+    def tie(closure: Any) -> Tie:
+        ends = map(chain.placement, (closure.frame_a, closure.frame_b))
+        a, b = ((end.joint, numbers(end.T_j_f)) for end in ends)
+        return Tie(*a, *b, closure.type == "weld")
+
+    return TreeConstants(
+        numbers(np.array(tree.placements())[:count]),
+        numbers(tree.screws()[:count]),
+        numbers(chain.body.T_j_f),
+        tuple(bool(x) for x in chain.is_length),
+        tuple(int(p) for p in list(tree.model.parents)[1:][:count]),
+        chain.body.joint,
+        tuple(map(tie, chain.closures)),
+    )
 
 
 def read_chain(chain: Chain) -> TreeConstants | str:
@@ -161,15 +185,9 @@ def read_chain(chain: Chain) -> TreeConstants | str:
     mimic = offset = None
     if tree.mimic is not None and not np.array_equal(tree.mimic[path], np.eye(tree.n)):
         mimic, offset = numbers(tree.mimic[path]), numbers(tree.offset[path])
-    return TreeConstants(
-        numbers(np.array(tree.placements())[path]),
-        numbers(screws),
-        numbers(chain.body.T_j_f),
-        tuple(bool(x) for x in chain.is_length),
-        tuple(range(len(path))),
-        len(path),
-        mimic=mimic,
-        offset=offset,
+    count = len(path)
+    return replace(
+        tree_constants(chain, count), carrier=count, mimic=mimic, offset=offset
     )
 
 

@@ -73,7 +73,7 @@ from cartstiff.recorded.closed_chains import cotangent_series
 from cartstiff.recorded.execution import (
     CompiledKernel,
     Kernel,
-    compiled_or_portable,
+    PortableKernel,
     from_triangles,
     lower_triangle,
 )
@@ -101,7 +101,7 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
     _, stretch, turns = shapes
     squares, softness = turns.value * turns.value, beam.length / beam.section.axial
     # The axial force by a fixed number of Newton steps, from none.
-    verdict: Scalar = pick(largest(x[[0, 1, 4, 5]]), _LARGEST_TURN, PLAIN, FALLBACK)
+    verdict: Scalar = limited(largest(x[[0, 1, 4, 5]]), _LARGEST_TURN)
     N = np.zeros(1, object)
     step: Scalar = 0.0
     for _ in range(_NEWTON_STEPS):
@@ -121,7 +121,7 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
         verdict = larger(verdict, pick(0.5 * high, N[0], FALLBACK, PLAIN))
     for EI in beam.section.bending:
         bent = absolute(N[0]) * (beam.length**2 / EI)
-        verdict = larger(verdict, pick(bent, 0.5 * SERIES, PLAIN, FALLBACK))
+        verdict = larger(verdict, limited(bent, 0.5 * SERIES))
     # Everything else follows from the force.
     energy, gradient, hessian = beam.terms(shapes, N, beam.rotational(N), np.ones(1))
     return {
@@ -142,7 +142,8 @@ def segment_program(length: float, section: Section) -> Program:
 
 @lru_cache(maxsize=16)
 def _segment_kernel(length: float, section: Section, compiled: bool) -> Kernel:
-    return compiled_or_portable(segment_program(length, section), compiled)
+    make = CompiledKernel if compiled else PortableKernel
+    return make(segment_program(length, section))
 
 
 def segments_of_many(
@@ -285,9 +286,7 @@ class _Strut:
         self.now = larger(largest(self.missing * roots), largest(self.gap * turn))
         # In equilibrium a strut must be near the straight shape and H positive, so that
         # it is stable.
-        self.near = pick(
-            largest(q[[3, 4, 5, 10, 11, 12]]), _LARGEST_HINGE_TURN, PLAIN, FALLBACK
-        )
+        self.near = limited(largest(q[[3, 4, 5, 10, 11, 12]]), _LARGEST_HINGE_TURN)
         self.near = require_pivots(self.near, pivots, self.k, _LEAST_PIVOT_SHARE)
 
     def answer(self, forces: Array, gap: Array) -> tuple[Array, Array]:

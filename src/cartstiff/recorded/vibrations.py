@@ -25,6 +25,7 @@ from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.applied_load import LoadKind
 from cartstiff.core.units import Units, convert_length
 from cartstiff.recorded.arguments import OF_VIBRATIONS
+from cartstiff.recorded.tape import Arrays
 
 # Postures at a time, so that their matrices stay in the cache.
 _ROWS = 2048
@@ -51,7 +52,7 @@ class ManyModes:
     wrenches: Array | None = None
     load: Mapping[str, Any] = field(default_factory=dict)
 
-    def frequencies(self, arrays: Mapping[str, Array], count: int = 6) -> Array:
+    def frequencies(self, arrays: Arrays, count: int = 6) -> Array:
         """Lowest frequencies [Hz], (N, count).
 
         NaN where a motion is unstable, where a posture has no modes or cannot carry the
@@ -106,9 +107,7 @@ class ManyModes:
             row[: values.size] = values
         return rows
 
-    def _of_matrices(
-        self, arrays: Mapping[str, Array], count: int
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def _of_matrices(self, arrays: Arrays, count: int) -> tuple[Array, NDArray[np.bool_]]:
         """Frequencies (N, count) from recorded matrices, and where these are valid."""
         kind = LoadKind(
             self.load.get("load_kind", "dead"), self.load.get("load_at", LoadKind().at)

@@ -34,8 +34,9 @@ from cartstiff.core.stiffness.applied_load import LoadKind
 from cartstiff.core.stiffness.compute import analyse
 from cartstiff.kinematics.inverse import inverse_kinematics
 from cartstiff.kinematics.joint_poses import Free, JointPoses
+from cartstiff.recorded.arguments import shapes_of
 from cartstiff.recorded.own_outputs import OwnOutputs
-from cartstiff.recorded.recording import Recording, analyse_many, shapes_of
+from cartstiff.recorded.recording import Recording, analyse_many
 from cartstiff.wings.toolpaths.optimise import NEARBY
 
 #: Least share of the displacement that a posture must save to be offered; and in another
