@@ -554,11 +554,9 @@ class CompiledPosture(OnePosture):
         and their memory.
         """
         kernel, program = self._kernel, self._kernel.program
-        widths: dict[str, int] = {}
-        for array, component in program.inputs:
-            widths[array] = max(widths.get(array, 0), component + 1)
+        block, widths = kernel.block, program.widths
         own = {
-            name: np.empty((1 if name in program.shared else kernel.block, widths[name]))
+            name: np.empty((1 if name in program.shared else block, widths[name]))
             for name in kernel.arrays
             if name not in self._shared
         }

@@ -164,10 +164,7 @@ def gradient_program(program: Program, output: str) -> Program:
         value = Number(tape, step)
         numbers = [tape.input(*each) for each in program.inputs]
         known = {output: np.array([value]), "verdict": np.array([Number(tape, verdict)])}
-        ends = dict[str, int]()
-        for name, component in program.inputs:
-            ends[name] = max(ends.get(name, 0), component + 1)
-        by = {name: zeros(end) for name, end in ends.items()}
+        by = {name: zeros(width) for name, width in program.widths.items()}
         slopes = pullback([(value, 1.0)], numbers)
         for (name, component), slope in zip(program.inputs, slopes, strict=True):
             by[name][component] = slope
@@ -237,13 +234,7 @@ class Sweep:
         self._numbers, self._verdict = [*numbers], verdict
         recorded = [x for x in (*numbers, verdict) if isinstance(x, Number)]
         self._tape = recorded[0].tape if recorded else Tape()
-        operations = self._tape.operations
-        needed, waiting = set[int](), [x.step for x in recorded]
-        while waiting:
-            if (step := waiting.pop()) not in needed:
-                needed.add(step)
-                name, arguments, _ = operations[step]
-                waiting += () if name == "input" else arguments
+        needed = self._tape.needed(x.step for x in recorded)
         self._steps = sorted(needed)
         inputs = [self._tape.input(*each) for each in self._tape.inputs]
         self._active = active(self._tape, inputs, max(needed, default=-1))

@@ -163,8 +163,8 @@ class Program(Recording):
             self.reason = f"{program.size} operations would take too long to compile"
             self.tape = None
             return
-        shared = self._constants(taken)
-        self._answer = one_posture(program, shared)
+        self._made = dict[Tape, OnePosture]()
+        self._answer = self._one(program)
         # What exists at no posture of the mechanism is missing.
         at = self._answer.at
         self._places: dict[str, _Place] = {
@@ -178,7 +178,7 @@ class Program(Recording):
         if taken.is_closed:
             self._closing = Assembly(taken)
         if taken.settles:
-            self._settling = one_posture(program_for(taken.case, SETTLING), shared)
+            self._settling = self._one(program_for(taken.case, SETTLING))
         self._untraced = taken.untraced if taken.untraced else None
         self.path = "compiled" if has_package("llvmlite") else "python"
         if self.path == "python":
@@ -230,7 +230,10 @@ class Program(Recording):
             check_name("input", name, self.inputs)
             given[name] = self._checked(name, values)
         if (wrench is None) is self.is_loaded:
-            self._refuse(wrench)
+            how, expected = "without a load", "loaded=True in record"
+            if wrench is None:
+                how, expected = "under a load", "a wrench (6,)"
+            raise InputError(f"the program is recorded {how}", expected=expected)
         return given
 
     def plain(self, q: Array, wrench: Array | None = None) -> PostureStiffness | None:
@@ -281,15 +284,6 @@ class Program(Recording):
     def _question(self, q: Array, given: Arrays) -> Question:
         acting = given.get("wrench"), self.load, self.load_axes
         return Question(self.elastic, q, *acting, given)
-
-    def _refuse(self, wrench: ArrayLike | None) -> None:
-        if wrench is None:
-            raise InputError(
-                "the program is recorded under a load", expected="a wrench (6,)"
-            )
-        raise InputError(
-            "the program is recorded without a load", expected="loaded=True in record"
-        )
 
     def _by_analyse(self, q: Array, given: Arrays) -> PostureStiffness:
         """One posture by `cartstiff.analyse`."""
@@ -495,8 +489,7 @@ class Program(Recording):
                 "coordinates follow others here: cartstiff.gradient has the derivatives",
                 code="no-objective",
             )
-        if (wrench is None) is self.is_loaded:
-            self._refuse(wrench)
+        self._replaced({}, wrench)
         Q = checked_q(self.elastic, np.atleast_2d(np.asarray(q, float)))
         loads = checked_wrench(self.elastic, wrench, len(Q))
         found = self.slopes(of, Q, loads, os.cpu_count() or 1)
@@ -509,15 +502,19 @@ class Program(Recording):
         if self.tape is None:
             return None, "engine", self.reason
         path = "portable" if self.path == "python" else self.path
-        return self._kernel(self._answer, self.tape, count), path, self.reason
+        return self._kernel(self.tape, count), path, self.reason
 
-    def _one_of(self, tape: Tape, shared: Arrays) -> OnePosture:
-        return one_posture(tape, shared)
+    def _one(self, tape: Tape) -> OnePosture:
+        """The code of single postures."""
+        if tape not in self._made:
+            assert self.taken is not None
+            self._made[tape] = one_posture(tape, self._constants(self.taken))
+        return self._made[tape]
 
-    def _kernel(self, one: Kernel | None, tape: Tape, count: int) -> Kernel | None:
+    def _kernel(self, tape: Tape, count: int) -> Kernel:
         is_compiled = self.path == "compiled"
         if is_compiled and count < WORTH_WIDENING:
-            return one
+            return self._one(tape)
         return kernel_of(tape, is_compiled)
 
     def _steps(self) -> Mapping[tuple[str, ...], Kernel]:

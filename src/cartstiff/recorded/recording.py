@@ -152,7 +152,7 @@ class Recording:
         self.taken: TracedModel | None = None
         self.tape: Tape | None = None
         self._usual: dict[str, Array] = {}
-        self._derived = dict[str, tuple[Kernel | None, Tape]]()
+        self._derived = dict[str, Tape]()
         if backend == "engine":
             return
         taken = plan_with(elastic, given_as(is_loaded), inputs)
@@ -311,13 +311,9 @@ class Recording:
         assert taken is not None
         assert tape is not None
         if of not in self._derived:  # recorded once for each output
-            tape = gradient_program(tape, of)
-            shared = {n: np.ascontiguousarray(row) for n, row in taken.shared.items()}
-            self._derived[of] = self._one_of(tape, shared), tape
-        one, tape = self._derived[of]
-        kernel = self._kernel(one, tape, len(q))
-        assert kernel is not None
-        verdicts = np.zeros(len(q), np.uint8)
+            self._derived[of] = gradient_program(tape, of)
+        tape = self._derived[of]
+        kernel, verdicts = self._kernel(tape, len(q)), np.zeros(len(q), np.uint8)
         outputs = {name: len(s) for name, s in tape.outputs.items() if name != "verdict"}
         found = {name: np.empty((len(q), size)) for name, size in outputs.items()}
         run(taken, kernel, q, loads, found, verdicts, threads, None)
@@ -325,11 +321,7 @@ class Recording:
             rows[verdicts != PLAIN] = np.nan
         return found
 
-    def _one_of(self, tape: Tape, shared: Arrays) -> Kernel | None:  # noqa: ARG002
-        """The code of a program for single postures, if there is some."""
-        return None
-
-    def _kernel(self, one: Kernel | None, tape: Tape, count: int) -> Kernel | None:  # noqa: ARG002
+    def _kernel(self, tape: Tape, count: int) -> Kernel:  # noqa: ARG002
         """The code of a program for many postures."""
         return kernel_of(tape, False)
 

@@ -14,14 +14,16 @@ from __future__ import annotations
 
 import gc
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any, NamedTuple, final
 
 import numpy as np
 
 from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.lazily import cached_property
 
 #: Arrays by name: inputs of a program, or its outputs.
 Arrays = Mapping[str, Array]
@@ -148,6 +150,17 @@ class Tape:
             self.operations.append(key)
         return known
 
+    def needed(self, wanted: Iterable[int]) -> set[int]:
+        """Steps that some depend on, and these."""
+        found, waiting = set[int](), [*wanted]
+        while waiting:
+            step = waiting.pop()
+            if step not in found:
+                found.add(step)
+                name, arguments, _ = self.operations[step]
+                waiting += () if name == "input" else arguments
+        return found
+
     def program(self, outputs: Arrays, shared: Sequence[str]) -> Program:
         """Program of the operations that the outputs depend on, renumbered.
 
@@ -161,19 +174,9 @@ class Tape:
             for name, values in outputs.items()
         }
         operations = self.operations
-        needed, waiting = (
-            set[int](),
-            [step for steps in wanted.values() for step in steps],
-        )
-        read = set[int]()
-        while waiting:
-            step = waiting.pop()
-            if step not in needed:
-                needed.add(step)
-                name, arguments, _ = operations[step]
-                if name != "input":
-                    read.update(arguments)
-                    waiting += arguments
+        needed = self.needed(step for steps in wanted.values() for step in steps)
+        own = (operations[step] for step in needed)
+        read = set(chain.from_iterable(a for name, a, _ in own if name != "input"))
 
         # In the order of recording, but a step that only completes an output directly
         # follows the last step that it reads.
@@ -223,6 +226,14 @@ class Program:
     def with_outputs(self, outputs: dict[str, tuple[int, ...]]) -> Program:
         """The same operations with other outputs."""
         return replace(self, outputs=outputs)
+
+    @cached_property
+    def widths(self) -> dict[str, int]:
+        """Number of components of each input array."""
+        ends = dict[str, int]()
+        for array, component in self.inputs:
+            ends[array] = max(ends.get(array, 0), component + 1)
+        return ends
 
     @property
     def size(self) -> int:

@@ -219,18 +219,17 @@ def kernel(
     width: int,
     stream: bool,
     arrays: list[str],
-    widths: dict[str, int],
     lines: list[str],
     table: dict[Key, int],
     kept: dict[int, int],
 ) -> str:
     """The function around the `lines` that compute a block, with its declarations.
 
-    `arrays` are the inputs, with their `widths`; `table` has the places of constants and
+    `arrays` are the inputs; `table` has the places of constants and
     shared inputs, `kept` the places of values in memory.
     """
     body = _mixed(lines, _records(program, width, stream, kept))
-    function = _loop(program, width, arrays, widths, body, table, len(kept))
+    function = _loop(program, width, arrays, body, table, len(kept))
     return "\n".join([function, _declarations(width)])
 
 
@@ -327,7 +326,6 @@ def _loop(
     program: Program,
     width: int,
     arrays: list[str],
-    widths: dict[str, int],
     body: list[str],
     table: dict[Key, int],
     kept: int,
@@ -381,7 +379,7 @@ def _loop(
         f"  %row.out = mul i64 %before, {width}",
     ]
     for i, array in enumerate(arrays):
-        step = 0 if array in program.shared else widths[array]
+        step = 0 if array in program.shared else program.widths[array]
         lines.append(f"  %in{i}.step = mul i64 %row.in, {step}")
         lines.append(f"  %in{i} = getelementptr double, ptr %in{i}.0, i64 %in{i}.step")
     for i, name in enumerate(names):
@@ -517,15 +515,9 @@ class _Body:
         writer: Writer,
         program: Program,
         arrays: list[str],
-        widths: dict[str, int],
         kept: dict[int, int],
     ) -> None:
-        self.writer, self.program, self.arrays, self.widths = (
-            writer,
-            program,
-            arrays,
-            widths,
-        )
+        self.writer, self.program, self.arrays = writer, program, arrays
         self.kept = kept
         self.values: dict[int, str] = {}
         self._read: dict[int, int] = {}
@@ -560,7 +552,7 @@ class _Body:
         writer, (array, index) = self.writer, self.program.inputs[which]
         base, vector = f"%in{self.arrays.index(array)}", "poison"
         for lane in range(writer.width):
-            address = writer.address(base, lane * self.widths[array] + index)
+            address = writer.address(base, lane * self.program.widths[array] + index)
             scalar = writer.new(f"load double, ptr {address}")
             vector = writer.new(
                 f"insertelement {writer.vector} {vector}, double {scalar}, i32 {lane}"
@@ -614,9 +606,6 @@ def vector_code(
     the others.
     """
     arrays = input_arrays(program)
-    widths: dict[str, int] = {}
-    for array, index in program.inputs:
-        widths[array] = max(widths.get(array, 0), index + 1)
     segments, table = _segments(program, longest), kept_table(program)
     kept = _kept(program, segments)
     arguments = [
@@ -628,7 +617,7 @@ def vector_code(
     pointers = ", ".join(arguments)
     bodies = []
     for start, stop in segments:
-        body = _Body(Writer(width, table), program, arrays, widths, kept)
+        body = _Body(Writer(width, table), program, arrays, kept)
         body.write(start, stop)
         bodies.append(body.writer.lines)
     functions: list[str] = []
@@ -640,5 +629,5 @@ def vector_code(
         lines = [f"  call void @part{i}({pointers})" for i in range(len(bodies))]
     else:
         lines = bodies[0]
-    around = kernel(program, width, stream, arrays, widths, lines, table, kept)
+    around = kernel(program, width, stream, arrays, lines, table, kept)
     return "\n".join([*functions, around])
