@@ -202,6 +202,9 @@ def test_refusals():
         cartstiff.record(arm, {"own": 3.0})
     with pytest.raises(InputError, match="its own name"):
         cartstiff.record(arm, {"wrench": lambda a: a["pose"][0]})
+    with pytest.raises(InputError, match=r"two outputs have the same name.*<lambda>"):
+        cartstiff.record(arm, [lambda a: a["pose"][0], lambda a: a["pose"][1]])
+    assert cartstiff.record(arm, ["B", "stiffness_B"]).names == ("stiffness_B",)
     with pytest.raises(UnknownNameError, match="language"):
         program.source("fortran")
     with pytest.raises(InputError, match="no source"):

@@ -600,7 +600,7 @@ def record(
     if isinstance(outputs, (str, Connection)):
         outputs = [outputs]
     if not isinstance(outputs, Mapping):
-        outputs = {_name_of(output): output for output in outputs}
+        outputs = _by_name(outputs)
     named = [full_name(o) for o in outputs.values() if isinstance(o, str)]
     for name in named:
         check_name("output", name, (*EVERY_OUTPUT, *QUANTITIES))
@@ -688,9 +688,24 @@ def _as_vector(values: ArrayLike, size: int, what: str) -> Array:
     return array if array.shape == (size,) else checked_input(values, (size,), what)
 
 
+def _by_name(outputs: Sequence[str | Connection | Function]) -> dict[str, Any]:
+    """Outputs by their names, of which no two have the same."""
+    found = dict[str, Any]()
+    for output in outputs:
+        own = full_name(output) if isinstance(output, str) else output
+        name = own if isinstance(own, str) else _name_of(own)
+        other = found.setdefault(name, own)
+        if other is not own and not (isinstance(own, str) and other == own):
+            raise InputError(
+                "two outputs have the same name",
+                where="outputs",
+                expected="a mapping with a name for each",
+                got=name,
+            )
+    return found
+
+
 def _name_of(output: Any) -> str:
-    if isinstance(output, str):
-        return full_name(output)
     name = getattr(output, "name", getattr(output, "__name__", None))
     if not isinstance(name, str):
         raise InputError(
