@@ -155,6 +155,24 @@ def test_springs_may_be_inputs(name):
         cartstiff.record(elastic, "B", loaded=True, inputs=["rest"])
 
 
+def test_numbers_of_struts_between_flexures_may_be_inputs():
+    """The recorded arithmetic keeps its own: the core answers, and the program says why."""
+    elastic = cartstiff.load("flexure-hexapod", gravity=[0.0, 0.0, -9.81])
+    names = ["load_at", "payload", "stiffness"]
+    program = cartstiff.record(elastic, ["B", "wrench"], loaded=True, inputs=names)
+    assert (program.path, program.reason.split(" keep")[0]) == (
+        "engine",
+        "drives outside of the recorded arithmetic",
+    )
+    k, at = elastic.springs.stiffness * np.linspace(0.8, 1.2, 6), [0.01, 0.02, 0.03]
+    springs = elastic.springs.replaced(k, elastic.springs.rest)
+    other = replace(elastic, springs=springs).with_payload(2.0, np.array([0.0, 0.0, 0.05]))
+    given = {"stiffness": k, "payload": [2.0, 0.0, 0.0, 0.05], "load_at": at}
+    core = cartstiff.analyse(other, elastic.q, wrench=0.1 * LOAD, load_at=at)
+    close(program(elastic.q, 0.1 * LOAD, **given)["B"], core["B"])
+    close(program.many([elastic.q], 0.1 * LOAD, **given).wrench[0], core.wrench)
+
+
 @pytest.mark.parametrize(("name", "output"), [("ur5", "tensions"), ("stewart-gough", "torques")])
 def test_an_output_that_a_mechanism_has_not(name, output):
     """As of `analyse_many`: not a number, and nothing without legs."""

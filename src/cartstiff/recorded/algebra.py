@@ -459,7 +459,7 @@ _MAX_SQUARED_NORM = 1e2
 LARGEST_ANGLE = 1e6
 
 
-def limited(value: Scalar, limit: float) -> Scalar:
+def limited(value: Scalar, limit: Scalar) -> Scalar:
     """`PLAIN` where a value is below a limit, else (and for NaN) `FALLBACK`."""
     return pick(value, limit, PLAIN, FALLBACK)
 

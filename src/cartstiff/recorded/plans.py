@@ -108,7 +108,13 @@ def plan_with(
         force = _weight(kilogram, elastic.gravity) - _weight(elastic, elastic.gravity)
         base = elastic.with_potential(DeadForce(force, np.zeros(3)))
     taken = plan(base, wrench)
-    if not own or isinstance(taken, str):
+    if isinstance(taken, str):
+        return taken
+    if "tcp" in own and taken.untraced:
+        return "terms outside of the recorded arithmetic know no other tool"
+    if inputs and taken.untraced.has_drives:
+        return "drives outside of the recorded arithmetic keep their numbers"
+    if not own:
         return taken
     case, shared = replace(taken.case, inputs=own), dict(taken.shared)
     shared["load_at"] = np.array([taken.case.load.at])
@@ -119,8 +125,6 @@ def plan_with(
             case = replace(case, points_of_forces=case.points_of_forces[:-1])
         shared["payload"] = np.zeros((1, 4))
     if "tcp" in own:
-        if taken.untraced:
-            return "terms outside of the recorded arithmetic know no other tool"
         shared["tcp"] = np.zeros((1, 6))
     return replace(taken, case=case, shared=shared)
 
@@ -475,8 +479,9 @@ _PLANNERS: dict[type, Any] = {Chain: _chain_plan, Platform: _platform_plan}
 
 def _platform_case(platform: Platform, *acting: Any, **more: Any) -> PlatformCase:
     """A case with the geometry of a platform."""
-    places = map(numbers, (platform.anchors, platform.points, platform.T_P_M))
-    return PlatformCase(*places, float(platform.length), *acting, **more)
+    ends = numbers(platform.anchors), numbers(platform.points)
+    place = numbers(platform.T_P_M), float(platform.length)
+    return PlatformCase(*ends, *place, *acting, **more)
 
 
 def _forces(

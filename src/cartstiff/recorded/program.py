@@ -643,9 +643,6 @@ def _check_inputs(
         refused = "something is fixed to M itself", "other inputs"
     if "tcp" in inputs and elastic.mechanism.coordinates_are_pose:
         refused = "lines hold this body where it is", "the tool of a chain"
-    springs = elastic.springs
-    if "load_at" in inputs and springs is not None and springs.gives_aside:
-        refused = "the point is found with the struts between flexures", "other inputs"
     if refused[0]:
         raise InputError(refused[0], where="inputs", expected=refused[1])
 

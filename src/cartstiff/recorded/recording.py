@@ -158,8 +158,6 @@ class Recording:
         taken = plan_with(elastic, given_as(is_loaded), inputs)
         if isinstance(taken, str):
             self.reason = taken
-            if "tcp" in inputs:
-                raise InputError(taken, where="inputs", expected="inputs without tcp")
             if backend != "auto":
                 raise InputError(
                     f"path {backend!r} does not serve this mechanism: {taken}",
@@ -416,8 +414,8 @@ class Recording:
         # Matrices of some postures at a time, and what follows from them.
         for part in _blocks(len(which), _BLOCK):
             rows = which[part]
-            own, how = stack.loads_of(rows), {"threads": stack.threads}
-            found = base.postures(q[rows], own, one_by_one=one_by_one, **how)
+            own, threads = stack.loads_of(rows), stack.threads
+            found = base.postures(q[rows], own, threads=threads, one_by_one=one_by_one)
             stack.q[rows], path = found.q, found.path
             made = found.arrays
             made |= self._own.values(made)
