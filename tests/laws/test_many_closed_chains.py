@@ -182,10 +182,12 @@ def test_what_has_no_arithmetic_says_why():
 
 
 def test_few_postures_are_not_worth_recording():
-    elastic = cartstiff.load("five-bar")
+    elastic = cartstiff.load("five-bar")  # of four coordinates
     q = starts(elastic, 0.02, 120)
-    assert analyse_many(elastic, q[:19]).path == "engine"
-    assert analyse_many(elastic, q[:20]).path == "portable"
+    few = analyse_many(elastic, q[:7])
+    assert (few.path, few.fallback) == ("engine", 7)
+    assert few.reason == "such a closed chain is recorded from 8 postures on"
+    assert analyse_many(elastic, q[:8]).path == "portable"
     found = analyse_many(elastic, q)
     assert (found.path, found.fallback) == ("portable", 0)
 

@@ -43,6 +43,11 @@ def pull(arrays):
     return arrays["stiffness_B"][3:, 3:] @ arrays["wrench"][3:]
 
 
+def moved(arrays):
+    """What the compliance makes of the wrench."""
+    return arrays["compliance_B"] @ arrays["wrench"]
+
+
 def postures(elastic, count, spread, seed=3):
     rng = np.random.default_rng(seed)
     sizes = np.array([0.2 if c.is_length else 1.0 for c in elastic.mechanism.coordinates])
@@ -184,12 +189,21 @@ def test_an_output_that_a_mechanism_has_not(name, output):
         assert np.isnan(found).all()
 
 
-def test_from_how_many_postures_on_a_closed_chain_is_recorded():
-    elastic = cartstiff.load("five-bar")  # of four coordinates
-    few = cartstiff.analyse_many(elastic, np.tile(elastic.q, (7, 1)))
-    assert (few.path, few.fallback) == ("engine", 7)
-    assert few.reason == "such a closed chain is recorded from 8 postures on"
-    assert cartstiff.analyse_many(elastic, np.tile(elastic.q, (8, 1))).path == "portable"
+def test_outputs_of_a_user_s_own_exist_each_by_itself():
+    """A planar machine has no stiffness, and so none under a connection; a function has its own."""
+    elastic = cartstiff.load("4-rrr")
+    program = cartstiff.record(elastic, [MINE, pull, moved])
+    for q in postures(elastic, 3, 0.05):
+        many = program.many([q])
+        assert np.isfinite(many["moved"]).all()
+        assert np.isfinite(program(q)["moved"]).all()
+        assert np.isnan(many["stiffness_mine"]).all()
+
+
+def test_no_code_is_made_in_a_call(monkeypatch):
+    program = cartstiff.record(cartstiff.load("delta"), "B", loaded=True)
+    monkeypatch.setattr("cartstiff.recorded.execution.CompiledKernel._compile", None)
+    assert program(program.elastic.q, 0.1 * LOAD).is_plain
 
 
 def test_without_machine_code(monkeypatch):

@@ -9,8 +9,8 @@ T``, see `cartstiff.core.geometry.connections`, and its inverse that of K^B, cha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +27,10 @@ from cartstiff.recorded.tape import Arrays, Scalar, absolute, larger
 #: A number, or an array, made of arrays by + - * / and products:
 #: ``lambda a: a["stiffness_B"][3:, 3:] @ a["wrench"][3:]``.
 Function = Callable[[Arrays], Any]
+
+
+#: Outputs that the matrices under a connection follow from.
+_OF_CONNECTIONS = "stiffness_A", "stiffness_B", "compliance_B", "wrench"
 
 
 class _Read(dict[str, Array]):
@@ -130,7 +134,7 @@ class OwnOutputs:
         """Outputs that these follow from."""
         needs = [name for _, own in self.functions for name in own.needs]
         if self.connections:
-            needs += ["stiffness_A", "stiffness_B", "compliance_B", "wrench"]
+            needs += _OF_CONNECTIONS
         return tuple(dict.fromkeys(needs))
 
     @property
@@ -138,6 +142,12 @@ class OwnOutputs:
         """Shape of each output at one posture."""
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys(self.names, (6, 6))
         return shapes | {name: own.shape for name, own in self.functions}
+
+    def beside(self, arrays: Collection[str]) -> OwnOutputs:
+        """Those that follow from some arrays."""
+        connections = self.connections if {*arrays}.issuperset(_OF_CONNECTIONS) else ()
+        functions = (f for f in self.functions if {*arrays}.issuperset(f[1].needs))
+        return replace(self, connections=connections, functions=tuple(functions))
 
     def record(self, arrays: Arrays, length: Scalar) -> tuple[dict[str, Array], Scalar]:
         """Outputs on recorded numbers, and the verdict on them."""

@@ -188,7 +188,7 @@ def program_for(
         doubts.append(doubt)
         arrays |= {name: values[i : i + 1] for i, name in enumerate(readings.names)}
         kept += readings.names
-    if own is not None and all(name in arrays for name in own.needs):
+    if own is not None and (own := own.beside(arrays)):
         length = arrays["length"][0] if "length" in arrays else case.length
         found, doubt = own.record(arrays, length)
         doubts.append(doubt)

@@ -183,6 +183,10 @@ class Program(Recording):
         self.path = "compiled" if has_package("llvmlite") else "python"
         if self.path == "python":
             self.reason = "llvmlite is not installed"
+        if taken.untraced:  # their code is made here, not in the first call
+            wrench = np.zeros((1, 6)) if self.is_loaded else None
+            at = self.elastic.q[None]
+            taken.untraced.derivatives(at, self.path == "compiled", wrench)
 
     def __reduce__(self) -> Any:
         more = self.is_loaded, self.load, self.load_axes, self.inputs
