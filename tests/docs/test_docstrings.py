@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import ast
 import builtins
+import dataclasses
 import doctest
 import importlib
+import inspect
 import re
+import sys
+import textwrap
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
+from operator import attrgetter
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
+from tests import surface
 from tests.docs.blocks import ROOT
 
+import cartstiff
 import cartstiff.core.errors
 
 SOURCES = ROOT / "src" / "cartstiff"
@@ -242,3 +252,206 @@ def test_examples_in_docstrings_run(path):
     result = doctest.testmod(importlib.import_module(name), optionflags=doctest.ELLIPSIS)
     assert result.attempted > 0
     assert result.failed == 0
+
+
+# -- what public names say -------------------------------------------------------------------
+
+CONVENTIONS = re.split(r"^## ", (ROOT / "docs/conventions.md").read_text("utf-8"), flags=re.M)
+
+
+def rows_of(title):
+    """Cells of a table of the conventions, without its head."""
+    text = next(part for part in CONVENTIONS if part.startswith(title))
+    return re.findall(r"^\| (.*?) \| (.*?) \|$", text, re.M)[1:]
+
+
+#: Names of parameters that mean the same everywhere.
+KNOWN = {
+    name: meaning
+    for names, meaning in rows_of("Names of parameters")
+    for name in re.findall(r"`(\w+)`", names)
+}
+#: A shape such as (..., 6, n), or that of a tuple.
+SHAPE = re.compile(r"\((?:(?:\.\.\.|\w+( [-+*] \w+)?)(?:,\s*|(?=\))))+\)|tuple of|floats")
+#: A unit, a quantity whose unit is in the conventions, or a word for what has none.
+PURE = """factor share ratio cosine vector index indices multiple probability condition curvature
+whether which count dimensionless relative seconds SI colour rad Hz kg unit"""
+QUANTITIES = [word for words, _ in rows_of("Units of quantities") for word in words.split(", ")]
+WORDS = "|".join([*PURE.split(), "number of", *QUANTITIES])
+UNIT = re.compile(rf"\[[^\]]+\]|\b(?:{WORDS})(?:s|es)?\b", re.I)
+#: Types of what needs a shape, and of what needs a unit.
+ARRAY = re.compile(r"Array|Sequence\[float")
+NUMBER = re.compile(r"(?<!ND)Array|\bfloat\b")
+#: A formula, and what says where it comes from.
+FORMULA = re.compile(r"\n\n {4,}\S.*=|``[^`]* = [^`]*``")
+SOURCE = re.compile(
+    r"\[\w+\]_|\(\d+\) of|theory page|\bown (?:definition|formula)|textbook|\beq\.|equation"
+)
+
+
+class Public(NamedTuple):
+    """A function, class, method or property by its public name, and the class that has it."""
+
+    name: str
+    thing: Any
+    owner: type | None = None
+
+    @property
+    def docs(self):
+        """Its docstring, and those of the same name in the bases of the class."""
+        last, bases = self.name.rpartition(".")[2], self.owner.__mro__ if self.owner else ()
+        things = [self.thing, *(vars(base)[last] for base in bases if last in vars(base))]
+        return [inspect.getdoc(thing) or "" for thing in things]
+
+
+def members(name, cls):
+    """Public methods and properties of a class, also those of its bases."""
+    for word in dict.fromkeys(word for base in cls.__mro__ for word in vars(base)):
+        home = next(base for base in cls.__mro__ if word in vars(base))
+        value = vars(home)[word]
+        for inner in ("func", "fget", "__func__"):
+            value = getattr(value, inner, None) or value
+        is_own = home.__module__.startswith("cartstiff") and not word.startswith("_")
+        if is_own and inspect.isfunction(value):
+            yield Public(f"{name}.{word}", inspect.unwrap(value), cls)
+
+
+@cache
+def everything_public():
+    """Each once, by its first name."""
+    found = {}
+    for name in surface.names():
+        thing, own = attrgetter(name)(cartstiff), []
+        if inspect.isclass(thing):
+            own = [Public(name, thing), *members(name, thing)]
+        elif inspect.isfunction(thing):
+            own = [Public(name, inspect.unwrap(thing))]
+        elif name not in surface.HOMES and inspect.ismodule(thing):
+            functions = (f for f in vars(thing).values() if inspect.isfunction(f))
+            own = [
+                Public(f"{name}.{f.__name__}", f)
+                for f in functions
+                if f.__module__ == thing.__name__ and f.__name__[0] != "_"
+            ]
+        for one in own:
+            found.setdefault(id(one.thing), one)
+    return list(found.values())
+
+
+def described(one, name):
+    """What is said of a parameter or field; None if nothing is."""
+    usual = KNOWN.get(name, KNOWN["T_a_b"] if name.startswith("T_") else "")
+    blocks = [
+        block
+        for doc in one.docs
+        for section in ("Parameters", "Attributes")
+        for block in re.split(r"\n(?=\S)", "\n".join(sections_of(doc).get(section, [])))
+    ]
+    for text in [b for b in blocks if name in entries(b.splitlines())] + one.docs:
+        is_here = re.search(rf"\b{name}\b", text)
+        other = re.search(r"[Aa]s in `(?:[\w.]+\.)?(\w+)`", text)
+        if other and (is_here or "Arguments" in text):
+            there = [p for p in everything_public() if p.name.rpartition(".")[2] == other[1]]
+            text += " ".join(described(p, name) or "" for p in there if p != one)
+        if is_here or (other and "Arguments" in text):
+            return f"{text} {usual}"
+    return usual or None
+
+
+def numbers_of(one):
+    """Name, type and description of each parameter or field, and of what is returned."""
+    thing, kinds = one.thing, {}
+    if not inspect.isclass(thing):
+        kinds = {**thing.__annotations__}
+        introductions = [re.split(r"\n\w[\w ]*\n---", doc)[0] for doc in one.docs]
+        sections = [line for doc in one.docs for line in sections_of(doc).get("Returns", [])]
+        yield "what is returned", str(kinds.pop("return", "")), "\n".join(introductions + sections)
+    elif dataclasses.is_dataclass(thing):
+        kinds = {field.name: field.type for field in dataclasses.fields(thing)}
+    elif hasattr(thing, "_fields"):
+        kinds = thing.__annotations__
+    for name, kind in kinds.items():
+        if name[0] != "_":
+            yield name, str(kind), described(one, name)
+
+
+def unsaid(one) -> Iterator[str]:
+    """What a docstring leaves open of its numbers, as lines."""
+    for name, kind, words in numbers_of(one):
+        if words is None:
+            yield f"{one.name}: {name} is not described"
+        elif ARRAY.search(kind) and not SHAPE.search(words):
+            yield f"{one.name}: {name} has no shape"
+        elif NUMBER.search(kind) and not UNIT.search(words):
+            yield f"{one.name}: {name} has no unit"
+
+
+def errors_of(function):
+    """Errors that a function raises itself, or by a check of its input."""
+    if not inspect.isfunction(function) or function.__code__.co_filename == "<string>":
+        return set()
+    tree, names = ast.parse(textwrap.dedent(inspect.getsource(function))), set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+            names.add(getattr(node.exc.func, "id", ""))
+        called = getattr(getattr(node, "func", None), "id", "")
+        if re.match(r"check(ed)?_|real_array", called):
+            names.add("InputError")
+    return kinds_of_errors(names)
+
+
+def kinds_of_errors(names):
+    """Those of the names that are errors; an unknown name is a kind of wrong input."""
+    found = {name for name in names if name.endswith("Error")}
+    return {"InputError" if name == "UnknownNameError" else name for name in found}
+
+
+def errors_not_named(one) -> Iterator[str]:
+    """Errors that a docstring does not name, as lines."""
+    body = one.thing
+    if inspect.isclass(body):
+        body = vars(body).get("__post_init__") or vars(body).get("__init__")
+        body = inspect.unwrap(body) if body else body
+    said = kinds_of_errors(re.findall(r"\w+Error", " ".join(one.docs)))
+    yield from (f"{one.name} raises {name}" for name in sorted(errors_of(body) - said))
+
+
+def test_public_names_say_shapes_and_units():
+    assert len(everything_public()) > 600
+    assert [line for one in everything_public() for line in unsaid(one)] == []
+
+
+def test_public_names_say_which_errors_they_raise():
+    assert [line for one in everything_public() for line in errors_not_named(one)] == []
+
+
+def test_formulas_of_public_names_have_a_source():
+    """In the docstring, or in that of the class or module."""
+    bare = []
+    for one in everything_public():
+        around = [one.owner.__doc__ if one.owner else "", sys.modules[one.thing.__module__].__doc__]
+        if FORMULA.search(one.docs[0]):
+            bare += [one.name] * (not any(SOURCE.search(doc or "") for doc in one.docs + around))
+    assert bare == []
+
+
+def test_the_reader_of_public_names_sees_what_is_missing():
+    def bare(force: Array, q: Array) -> float:  # noqa: F821
+        """Of a force."""
+        raise InputError(f"{force} {q}")  # noqa: F821
+
+    def complete(force: Array, q: Array) -> float:  # noqa: F821
+        """Energy at q under a force (3,).
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
+        raise InputError(f"{force} {q}")  # noqa: F821
+
+    assert [*unsaid(Public("bare", bare))] == ["bare: force has no shape"]
+    assert [*unsaid(Public("complete", complete))] == []
+    assert [*errors_not_named(Public("complete", complete))] == []
+    complete.__doc__ = "Energy."
+    assert [*errors_not_named(Public("c", complete))] == ["c raises InputError"]

@@ -100,9 +100,9 @@ def after_command(
     Parameters
     ----------
     elastic, command, q
-        As of `commanded`.
+        As in `commanded`.
     wrench, load_kind, load_at, load_axes
-        As of `cartstiff.analyse`: at `q` the springs balance it, and it continues to act.
+        As in `analyse`: at `q` the springs balance it, and it continues to act.
     limits : bool
         Whether joint and leg limits stop the motion.
 

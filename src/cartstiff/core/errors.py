@@ -109,12 +109,14 @@ class InputError(CartstiffError, ValueError):
         super().__init__(one_line("".join(parts), 600))
 
     def at(self, where: str) -> InputError:
-        """Return the same error with a place in front of the one it has."""
+        """Return the same error with a place, the text `where`, in front of the one it
+        has.
+        """
         return self.moved_to(f"{where}: {self.where}" if self.where else where)
 
     def moved_to(self, where: str) -> InputError:
-        """Return the same error, of the same class and with the same numbers,
-        at another place.
+        """Return the same error, of the same class and with the same numbers, at another
+        place: the text `where`.
         """
         moved = type(self).__new__(type(self))
         moved.__dict__.update(self.__dict__)
@@ -176,6 +178,8 @@ def check_name(
     kind: str, name: object, valid: Collection[str], where: str | None = None
 ) -> None:
     """Refuse a name that is not among the valid ones.
+
+    The message says of which `kind` it is, and `where` it was found.
 
     Raises
     ------

@@ -191,7 +191,7 @@ class RobotDescription:
     keyframe : str or None
         Name of the keyframe that the posture comes from.
     gravity : ndarray (3,) or None
-        The file's gravity; None where it is switched off.
+        The file's acceleration of gravity; None where it is switched off.
     lifted : tuple of Lifted
         Gravity compensation.
     planar_axes : dict of str to ndarray (3,)

@@ -501,7 +501,7 @@ def hexapod(
         The joints' circles: ``radius``, ``half_angle`` (rad) of the pairs or ``angles``
         (rad) of the joints, ``height``.
     height : float
-        Height of the platform's frame P over F; default 0 for a cube.
+        Height of the platform's frame P over F, a length; default 0 for a cube.
     turn : float, optional
         Turn [rad] of the platform's pairs against the base's; default pi/3.
     symmetry : {1, 2, 3, 6}, optional

@@ -83,7 +83,15 @@ def read_bytes(path: Path, largest: int = LARGEST, *, recorded: bool = True) -> 
 
 
 def read_text(path: Path, largest: int = LARGEST, *, recorded: bool = True) -> str:
-    """Read a UTF-8 text file."""
+    """Read a UTF-8 text file, `path`, of at most `largest` bytes.
+
+    What is `recorded` is among the files that a mechanism names.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read, is too large, or holds no text.
+    """
     try:
         text = read_bytes(path, largest, recorded=recorded).decode("utf-8-sig")
     except UnicodeDecodeError as error:

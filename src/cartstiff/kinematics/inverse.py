@@ -83,7 +83,7 @@ def inverse_kinematics(
     T_F_M : array_like, shape (4, 4) or (N, 4, 4)
         Wanted pose of the body frame, or N of them.
     starts : int or array_like, shape (k, n)
-        How many random starts within the limits, or the starts themselves. The default
+        Number of random starts within the limits, or the starts themselves. The default
         posture is always tried as well. Where a body is carried by legs, each leg has so
         many.
     seed : int
@@ -96,10 +96,11 @@ def inverse_kinematics(
     limits : bool
         Whether the joints' limits (a platform's leg limits) hold.
     cost : callable, optional
-        For arms with self-motions: (k, n) postures to (k,) numbers, NaN where there is
-        none; each solution is moved along its self-motion to where the number is smallest
-        nearby. Its method ``slopes``, if it has one, gives the derivatives (k, n).
-        Without a cost a solution is near its start: the steps there are the least ones.
+        For arms with self-motions: (k, n) postures to (k,) numbers of any unit, NaN where
+        there is none; each solution is moved along its self-motion to where the number is
+        smallest nearby. Its method ``slopes``, if it has one, gives the derivatives (k,
+        n). Without a cost a solution is near its start: the steps there are the least
+        ones.
     most : int
         Bound on the listed combinations of solutions of a body's legs, those nearest to
         the first start. `Search.found` counts all of them.

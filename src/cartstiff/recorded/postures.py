@@ -449,7 +449,7 @@ class Postures:
         Coordinates; those of a closed chain as assembled, of compliant links as
         deflected.
     arrays : dict of str to ndarray, shape (N, ...)
-        Outputs by name.
+        Outputs by name, in the units of `units`.
     state : ndarray of uint8 (N,)
         Index into `codes` of each posture's state.
     codes : tuple of str

@@ -246,7 +246,7 @@ class Program(Recording):
         return self._plain(q, given)
 
     def closed(self, q: Array) -> Array | None:
-        """Coordinates that close the chain; None where the recorded steps do not."""
+        """Coordinates (n,) that close the chain; None where the recorded steps do not."""
         return q if self._closing is None else self._closing(q)
 
     def _plain(self, at: Array, given: Arrays) -> PostureStiffness | None:
@@ -443,6 +443,11 @@ class Program(Recording):
 
         As of `cartstiff.analyse_many`: with the state of every posture, and labels by
         ``.to_xarray()``. `numbers` as in a call, the same for all postures.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, or numbers of inputs that the program does not have.
         """
         given, elastic = self._replaced(numbers, wrench), self.elastic
         coordinates = elastic.mechanism.closed_as_given(checked_q(elastic, q))
@@ -558,10 +563,9 @@ def record(
     outputs : sequence or mapping
         Outputs of `cartstiff.analyse_many` by name ("B" is short for "stiffness_B");
         quantities by name (`cartstiff models --quantities`); connections of your own, for
-        "stiffness_NAME" and "compliance_NAME" under each;
-        and functions of a mapping of arrays by name, made of + - * / and products of
-        arrays, whose results have their key in a mapping, or else the function's own
-        name.
+        "stiffness_NAME" and "compliance_NAME" under each; and functions of a mapping of
+        arrays by name, made of + - * / and products of arrays, whose results have their
+        key in a mapping, or else the function's own name.
     loaded : bool
         Whether a call takes a wrench on the body, which the springs balance at the
         posture.
@@ -575,9 +579,9 @@ def record(
         present M, to which then all that is in M refers. Rest positions must all be
         given, and without a load, which would replace them; a payload needs gravity.
     connection, length, direction, deflect
-        Settings of the quantities, as in `cartstiff.maps.map_of`; the default connection
-        of a program under a load is "load", and the default length the natural one at the
-        default posture without it.
+        Settings of the quantities, as in `cartstiff.maps.map_of`: `direction` is a vector
+        (3,), `deflect` a wrench (6,). The default connection of a program under a load is
+        "load", and the default length the natural one at the default posture without it.
 
     Returns
     -------

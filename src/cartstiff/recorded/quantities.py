@@ -353,7 +353,7 @@ class Quantity:
         return about if self.better is None else {**about, "better": self.better}
 
     def outputs(self, settings: Settings) -> tuple[str, ...]:
-        """Required outputs of `analyse_many`."""
+        """Required outputs of `analyse_many` with these `settings`."""
         names = {"matrix": settings.matrix, "connection": settings.connection}
         several = {"inverse": settings.inverted, "free": settings.free}
         several["forces"] = settings.carried

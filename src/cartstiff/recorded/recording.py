@@ -237,9 +237,9 @@ class Recording:
         q, loads
             Coordinates, and the wrench (6,) or (N, 6), if there is one.
         arrays : mapping of str to ndarray, optional
-            Those to fill.
+            Those to fill, of the shapes and units of the outputs, shape (N, ...).
         numbers : mapping of str to ndarray, optional
-            Those of the inputs.
+            Those of the inputs, in the shapes and units of `Program`, shape (...).
         threads, size, one_by_one
             As `threads`, `chunk` and `one_by_one` of `analyse_many`.
         """
@@ -301,9 +301,11 @@ class Recording:
     def slopes(
         self, of: str, q: Array, loads: Array | None, threads: int = 1
     ) -> dict[str, Array]:
-        """An output that is one number (N, 1), and "by_NAME" its derivatives (N, ...).
+        """An output `of` the program that is one number (N, 1), and "by_NAME" its
+        derivatives (N, ...), in its unit per unit of the input.
 
-        NaN at postures that are not plainly regular.
+        At coordinates (N, n) under `loads` (N, 6), if there are any, by so many
+        `threads`. NaN at postures that are not plainly regular.
         """
         taken, tape = self.taken, self.tape
         assert taken is not None
@@ -465,7 +467,9 @@ class Recording:
     def with_numbers(
         self, numbers: Mapping[str, ArrayLike]
     ) -> tuple[ElasticMechanism, LoadKind]:
-        """The mechanism, and the kind of load, with other numbers of the inputs."""
+        """The mechanism, and the kind of load, with other `numbers` of the inputs, in the
+        shapes and units of a call (...).
+        """
         own = {name: numbers[name] for name in self.inputs if name in numbers}
         return changed(self.elastic, self.load, own)
 
@@ -511,8 +515,9 @@ def analyse_many(
         tangent under the load; "X" alone is short for "stiffness_X"; "tensions" (N, m) of
         a platform's legs. Only what they need is computed.
     out : mapping of str to ndarray, optional
-        Arrays of doubles to write outputs into. Reusing memory saves its allocation,
-        which takes longer than the computation.
+        Arrays of doubles, of the shapes of the outputs, shape (N, ...), to write them
+        into. Reusing memory saves its allocation, which takes longer than the
+        computation.
     threads : int, optional
         Threads of the compiled path; default: as many as there are processors. The others
         use one. The result does not depend on it.

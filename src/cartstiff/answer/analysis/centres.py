@@ -207,7 +207,9 @@ class Centres(Result):
 
 
 def centres_of(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Centres:
-    """All centres at once; the compliance is inverted from the stiffness unless given."""
+    """All centres of a stiffness (6, 6) at once; the compliance is inverted from it
+    unless given.
+    """
     K, C = symmetric_pair(stiffness, compliance)
     functions: dict[str, Callable[[], Array]] = {
         "compliance": lambda: centre_of_compliance(invert(K) if C is None else C, K),
@@ -351,7 +353,8 @@ def decoupling_frame(
 ) -> DecouplingFrame:
     """Frame with the smallest coupling block in which K_tt is diagonal.
 
-    The compliance as in `centre_of_stiffness`.
+    Of a stiffness (6, 6) under any connection; the compliance as in
+    `centre_of_stiffness`.
 
     Raises
     ------

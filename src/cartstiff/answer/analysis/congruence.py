@@ -206,8 +206,19 @@ def cartesian_stiffness(
 ) -> Array:
     """Stiffness K^B (6, 6) of a serial chain: ``(J (Kq - S_W)^-1 J^T)^-1``.
 
+    Parameters
+    ----------
+    jacobian : array_like, shape (6, n)
+        Body Jacobian J: twist per unit of each coordinate, columns in chain order.
+    joint_matrix : array_like, shape (n, n) or (n,)
+        Joint stiffness Kq, or its diagonal [N m/rad, N/m].
+    wrench : array_like, shape (6,), optional
+        Load W that the environment applies; default none.
+
     Raises
     ------
+    InputError
+        If a shape is wrong.
     UndefinedError
         Code ``"fewer-than-six-freedoms"`` or ``"singular"`` if the Jacobian has not rank
         six, or if Kq - S_W has no inverse.
@@ -287,9 +298,10 @@ def joint_stiffness(
     Parameters
     ----------
     desired : array_like, shape (6, 6)
-        K^B in the body frame, symmetric.
+        Stiffness K^B in the body frame, symmetric.
     jacobian : array_like, shape (6, n)
-        Body Jacobian, columns in chain order; n >= 6 and rank six.
+        Body Jacobian: twist per unit of each coordinate, columns in chain order; n >= 6
+        and rank six.
     wrench : array_like, shape (6,), optional
         Load (moment, force) that the environment applies; default none.
     load_term : array_like, shape (n, n), optional
@@ -297,8 +309,8 @@ def joint_stiffness(
         other potentials act (less their Hessian) or the coordinates are those of a
         platform's legs.
     null_space_stiffness : float or array_like, shape (n - 6, n - 6), optional
-        Kz on an orthonormal basis of the self-motion; default the mean of the six other
-        eigenvalues of J^T K J. Without any, the self-motion would be free.
+        Stiffness Kz on an orthonormal basis of the self-motion; default the mean of the
+        six other eigenvalues of J^T K J. Without any, the self-motion would be free.
     length : float, optional
         Length of the fit's residual; default balances the desired matrix.
 

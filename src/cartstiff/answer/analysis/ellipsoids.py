@@ -1,7 +1,8 @@
 r"""Ellipsoids and directional stiffness: three dimensions of a six-dimensional
 matrix at a time.
 
-Two different blocks have the same name in the literature; here they are distinguished:
+Two different blocks have the same name in the literature; own definitions distinguish
+them here:
 
 * *held*: the other freedoms are locked. Translational stiffness K_tt, compliance K_tt^-1.
 * *free*: the other freedoms move without load. Translational compliance C_tt, stiffness
@@ -252,7 +253,10 @@ def stiffness_ellipsoid(
 ) -> Ellipsoid:
     """Ellipsoid of `stiffness_block`; its eigenvalues are the principal stiffnesses.
 
-    The inverse, the compliance (6, 6), resolves values that the stiffness does not.
+    Of the translations or the rotations of frame N, ``T_m_n`` in that of the stiffness
+    (6, 6), by the word `freedom`; `others` says whether the other three are "held" or
+    "free". The inverse, the compliance (6, 6), resolves values that the stiffness does
+    not.
 
     Raises
     ------
@@ -568,6 +572,17 @@ def stiffness_along(
     (w^T C w)`` with w = (p x u, u). held: the body is guided to translate along u only:
     ``u^T K_tt u``, the same for every point.
 
+    Parameters
+    ----------
+    stiffness : array_like, shape (6, 6)
+        Stiffness under any connection.
+    direction : array_like, shape (3,)
+        Vector u of any length, in the axes of M.
+    point : array_like, shape (3,)
+        Point p of the body, in M.
+    others : {"held", "free"}
+        State of the other five freedoms.
+
     Raises
     ------
     InputError
@@ -589,6 +604,17 @@ def stiffness_about(
     held: the body is hinged on the axis through the point: ``s^T K s`` with s = (u, p x
     u). free: a pure moment along u, without load on the other freedoms: ``1 / (u^T C_rr
     u)``, the same for every parallel axis.
+
+    Parameters
+    ----------
+    stiffness : array_like, shape (6, 6)
+        Stiffness under any connection.
+    direction : array_like, shape (3,)
+        Vector u of any length, in the axes of M.
+    point : array_like, shape (3,)
+        Point p of the body, in M.
+    others : {"held", "free"}
+        State of the other five freedoms.
 
     Raises
     ------

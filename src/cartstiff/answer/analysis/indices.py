@@ -105,8 +105,8 @@ def indices_of(
 ) -> Indices:
     r"""All indices at a length scale.
 
-    The exponent follows from the eigenvectors x of K_l: an eigenvalue changes as
-    ``d ln|lambda| / d ln l = -2 |x_rot|^2 / |x|^2``.
+    The exponent, an own formula, follows from the eigenvectors x of K_l: an eigenvalue
+    changes as ``d ln|lambda| / d ln l = -2 |x_rot|^2 / |x|^2``.
 
     Parameters
     ----------
@@ -180,7 +180,14 @@ def _definiteness(K: Array) -> Definiteness:
 
 
 def condition_numbers(stiffness: ArrayLike, lengths: ArrayLike) -> Array:
-    """Condition number of K_l at each of several lengths."""
+    """Condition number (m,) of the stiffness K (6, 6), its angles times l, at lengths l
+    (m,).
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong or K is not symmetric.
+    """
     K = as_symmetric(stiffness)
     scales = checked_array(lengths, ("m",), "list of lengths", copy=False)
     return numerics.condition(numerics.eigenvalues(with_angles_times(K, 1.0 / scales)))
@@ -196,7 +203,8 @@ class BestLength(NamedTuple):
 def best_conditioned_length(
     stiffness: ArrayLike, compliance: ArrayLike | None = None
 ) -> BestLength:
-    r"""Length at which the condition number is smallest, and that number.
+    r"""Length at which the condition number of a stiffness (6, 6) is smallest, and that
+    number.
 
     For positive definite K both ln(largest) and -ln(smallest eigenvalue of K_l) are
     convex in ln l: the minimum lies between the neighbours of the best in a row of

@@ -36,6 +36,11 @@ class Tolerances:
     angle : float
         Standard deviation of every small rotation of a joint placement, in radians; of
         every rest angle, where a mechanism finds its rest by itself.
+
+    Raises
+    ------
+    InputError
+        For negative numbers.
     """
 
     stiffness: float = 0.0

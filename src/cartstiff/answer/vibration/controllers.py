@@ -172,9 +172,9 @@ class Impedance(Result, LabelledResult):
     Attributes
     ----------
     stiffness, damping : ndarray (6, 6)
-        At M, axes of M, order angular-linear.
+        At M, axes of M, order angular-linear; the damping in N m s/rad, N s and N s/m.
     by_square_roots : ndarray (6, 6)
-        Damping of the square-root rule, applied in metres.
+        Damping [N m s/rad, N s, N s/m] of the square-root rule, applied in metres.
     ratios : ndarray (6,)
         Damping ratios of the square-root rule: the diagonal of its damping in the basis
         of the double diagonalisation, over ``2 omega``; NaN for motions without
@@ -182,11 +182,11 @@ class Impedance(Result, LabelledResult):
     coupling : float
         Largest entry of that damping off the diagonal, as a share of the largest entry.
     mass : ndarray (6, 6)
-        Operational-space mass at M.
+        Operational-space mass at M [kg m^2, kg m, kg].
     frequencies : ndarray (6,)
         Frequencies in Hz of the closed loop without damping.
     joint_stiffness, joint_damping : ndarray (n, n)
-        ``J^T K J`` and ``J^T D J``.
+        Stiffness ``J^T K J`` and damping ``J^T D J`` of the joints, that times s.
     null_motions : ndarray (n - 6, n)
         Motions of the joints, of unit size, that do not move M and get neither stiffness
         nor damping from the controller.
@@ -309,9 +309,9 @@ def impedance(
     modes : Modes
         Modes of the arm at the posture; only its masses are used.
     wanted : StiffnessTensor or array_like (6, 6)
-        A tensor at M (see `StiffnessTensor.from_controller`), or a matrix in the axes of
-        M, order angular-linear. Only the symmetric part is used.
-    ratios : float or sequence of float
+        A tensor at M (see `StiffnessTensor.from_controller`), or a stiffness in the axes
+        of M, order angular-linear. Only the symmetric part is used.
+    ratios : float or sequence of float, shape (6,)
         Damping ratios of the six oscillators, softest first; default 0.7.
 
     Raises

@@ -5,10 +5,10 @@ On the motions that keep the closures
 
     K_q phi = omega^2 M phi,    phi^T M phi = 1
 
-K_q is the second derivative of all energies with the load's part, the matrix that decides
-the stability of `cartstiff.equilibrium`, and M the mass matrix. A load changes the
-frequencies as it changes the stiffness: modes belong to one load, which every result
-names.
+is the textbook equation of small motions. K_q is the second derivative of all energies
+with the load's part, the matrix that decides the stability of `cartstiff.equilibrium`,
+and M the mass matrix. A load changes the frequencies as it changes the stiffness: modes
+belong to one load, which every result names.
 """
 
 from __future__ import annotations
@@ -355,7 +355,7 @@ class Modes(Result, LabelledResult):
 
     @cached_property
     def squares(self) -> Array:
-        """omega^2 (k,) in 1/s^2, by increasing real part.
+        """omega^2 (k,) [1/s^2] by increasing real part.
 
         Complex where motions flutter.
         """

@@ -52,7 +52,7 @@ class Damping:
 
     Attributes
     ----------
-    ratios : float or sequence of float
+    ratios : float or sequence of float, shape (k,)
         Damping ratios, shares of critical damping: one for all modes, or one for each.
     mass, stiffness : float
         Rayleigh's alpha [1/s] and beta [s].
@@ -206,6 +206,11 @@ class FrequencyResponse(Result, LabelledResult):
         """The motion (N,) along `of` per force (or motion of the base) along `direction`.
 
         Both (3,), in the axes of the matrix; `of` is `direction` by default.
+
+        Raises
+        ------
+        InputError
+            For a direction that is zero.
         """
         u = checked_unit(direction)
         v = u if of is None else checked_unit(of)
@@ -230,7 +235,9 @@ class FrequencyResponse(Result, LabelledResult):
         return csv_text(np.stack(columns, axis=1), names)
 
     def curves(self, direction: ArrayLike | None = None) -> dict[str, Array]:
-        """Named curves (N,): along x, y, z, or along a direction."""
+        """Named curves (N,), in the unit of the matrix: along x, y, z, or along a
+        direction (3,).
+        """
         if direction is not None:
             return {"direction": self.along(direction)}
         return {name: self.along(e) for name, e in zip("xyz", np.eye(3), strict=True)}

@@ -194,9 +194,15 @@ exponential = Chart(
 
 
 def from_pose_function(pose: Callable[[Array], ArrayLike], name: str = "user") -> Chart:
-    """Chart from a function xi -> pose.
+    """Chart from a function of coordinates xi (6,), in any unit, that returns a pose (4,
+    4).
 
     Its derivatives are taken by eighth-order differences.
+
+    Raises
+    ------
+    InputError
+        When the chart is used, for a result that is no rigid motion.
     """
 
     def pose_of(xi: Array) -> Array:

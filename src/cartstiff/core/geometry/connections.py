@@ -54,6 +54,11 @@ class Connection:
         Whether the same name means another connection for another body frame: the
         kinematic connection is that of the kinetic energy of a ball centred at the
         frame's origin.
+
+    Raises
+    ------
+    InputError
+        If the symbols have another shape or are not finite.
     """
 
     name: str
@@ -77,8 +82,13 @@ class Connection:
         return np.einsum("jik,i,j->k", self.symbols, x, y)
 
     def wrench_term(self, wrench: ArrayLike) -> Array:
-        """Matrix ``T[i, j] = sum_k Gamma[i, j, k] W_k``: K = K^A - T.
-        Batched over wrenches.
+        """Matrix (..., 6, 6) ``T[i, j] = sum_k Gamma[i, j, k] W_k``, of wrenches (...,
+        6): K = K^A - T.
+
+        Raises
+        ------
+        InputError
+            For another shape.
         """
         w = real_array(wrench)
         if w.shape[-1:] != (6,):
@@ -91,16 +101,16 @@ class Connection:
 
     @cached_property
     def torsion(self) -> Array:
-        """Torsion: nabla_{L_i} L_j - nabla_{L_j} L_i - [L_i,
-        L_j] = sum_k T[i, j, k] L_k.
+        """Torsion (6, 6, 6): nabla_{L_i} L_j - nabla_{L_j} L_i - [L_i, L_j] = sum_k T[i,
+        j, k] L_k.
         """
         g = self.symbols
         return np.swapaxes(g, 0, 1) - g - se3.STRUCTURE_CONSTANTS
 
     @cached_property
     def curvature(self) -> Array:
-        """Curvature ``R[i, j, l, k]``:
-        (nabla_i nabla_j - nabla_j nabla_i - nabla_[i,j]) L_l.
+        """Curvature (6, 6, 6, 6) ``R[i, j, l, k]``: (nabla_i nabla_j - nabla_j nabla_i -
+        nabla_[i,j]) L_l.
 
         For a left-invariant connection from the symbols; zero for the flat connection of
         a chart.
@@ -165,7 +175,13 @@ class Connection:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Connection:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Raises
+        ------
+        InputError
+            For `data` that `to_dict` did not make, or an unknown name.
+        """
         keys = {"name", "symbols", "meaning", "left_invariant", "flat"}
         if not isinstance(data, Mapping) or not data.keys() >= keys:
             raise InputError(
@@ -192,6 +208,11 @@ class Connection:
 
         ``symbols'[j, i] = Ad^-1 nabla_{Ad L_i} (Ad L_j)``; a bi-invariant connection
         keeps its symbols.
+
+        Raises
+        ------
+        InputError
+            For a pose of another shape.
         """
         T_m_n = checked_array(T_m_n, (4, 4), "pose")
         a = se3.adjoint(T_m_n)
@@ -214,8 +235,16 @@ def from_symbols(
     meaning: str = "",
     left_invariant: bool = True,
 ) -> Connection:
-    """Connection from any array ``symbols[j, i, k]``, the k-th component of
+    """Connection from any array (6, 6, 6) ``symbols[j, i, k]``, the k-th component of
     nabla_{L_i} L_j.
+
+    Its `meaning` is one line for people; `left_invariant` says whether the symbols are
+    the same at every pose.
+
+    Raises
+    ------
+    InputError
+        If the symbols have another shape or are not finite.
     """
     return Connection(name, real_array(symbols), meaning, left_invariant)
 

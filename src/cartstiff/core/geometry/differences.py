@@ -43,14 +43,15 @@ def derivative_with_error(
 
 
 def jacobian(f: Callable[[Array], ArrayLike], scale: ArrayLike) -> Array:
-    """Jacobian of ``f`` at 0, f from (n,) to an array; the new axis comes last.
+    """Jacobian (..., n) of ``f`` at 0, f from (n,) to an array (...); the new axis comes
+    last. Its unit is that of f per unit of the argument.
 
     Parameters
     ----------
     f : callable
-        Function of an array (n,).
+        Function of an array (n,), in any units.
     scale : array_like, shape (n,)
-        Natural size of each argument; steps are `STEP` times it.
+        Natural size of each argument, in its unit; steps are `STEP` times it.
     """
     scale = np.asarray(scale, float)
     columns = []
@@ -62,11 +63,20 @@ def jacobian(f: Callable[[Array], ArrayLike], scale: ArrayLike) -> Array:
 def gradient_and_hessian(
     f: Callable[[Array], float], scale: ArrayLike, step: float = STEP
 ) -> tuple[Array, Array]:
-    """Gradient and Hessian of a scalar function at 0, by eighth-order central
+    """Gradient (n,) and Hessian (n, n) of a scalar function at 0, by eighth-order central
     differences.
 
     The mixed second derivatives come from second differences along e_i + e_j and e_i -
     e_j.
+
+    Parameters
+    ----------
+    f : callable
+        Function of an array (n,), in any units, that returns a number.
+    scale : array_like, shape (n,)
+        Natural size of each argument, in its unit.
+    step : float
+        Steps as a share of it.
     """
     scale = np.asarray(scale, float)
     n = scale.size

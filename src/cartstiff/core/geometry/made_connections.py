@@ -24,10 +24,11 @@ _TESTED_SIZES, _BILINEARITY = (1.0, 1e-3, 1e3, 7.0), numerics.NEGLIGIBLE_SHARE
 def from_bilinear_map(
     nabla: Callable[[Array, Array], ArrayLike], name: str = "user", *, meaning: str = ""
 ) -> Connection:
-    """Connection from a function ``nabla(x, y)`` on twists that is linear in
-    both arguments.
+    """Connection from a function ``nabla(x, y)`` on twists that is linear in both
+    arguments.
 
-    The function is compared with the array of its values on the basis at other twists.
+    `meaning` is one line for people. The function is compared with the array of its
+    values on the basis at other twists.
 
     Raises
     ------

@@ -45,7 +45,7 @@ def _of_shape(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
 
 
 def cross(a: Sequence[float] | Array, b: Sequence[float] | Array) -> Array:
-    """Cross product of vectors (3, ...): `numpy.cross` takes ten times as long
+    """Cross product of vectors a and b (3, ...): `numpy.cross` takes ten times as long
     for one pair.
     """
     (x, y, z), (u, v, w) = a, b
@@ -61,7 +61,7 @@ def skew(v: ArrayLike) -> Array:
 
 
 def skew_of(v: Array) -> Array:
-    """`skew` of an array, which may hold recorded numbers."""
+    """`skew` (..., 3, 3) of vectors v (..., 3), which may hold recorded numbers."""
     m = np.zeros((*v.shape[:-1], 3, 3), v.dtype)
     m[..., 2, 1] = v[..., 0]
     m[..., 1, 2] = -v[..., 0]
@@ -73,7 +73,9 @@ def skew_of(v: Array) -> Array:
 
 
 def unskew(m: ArrayLike) -> Array:
-    """Vector of the antisymmetric part of a 3x3 matrix; inverse of `skew`."""
+    """Vector (..., 3) of the antisymmetric part of matrices m (..., 3, 3); inverse of
+    `skew`.
+    """
     m = _of_shape(m, (3, 3), "matrix")
     return 0.5 * np.stack(
         [
@@ -95,14 +97,14 @@ def hat(twist: ArrayLike) -> Array:
 
 
 def vee(m: ArrayLike) -> Array:
-    """Twist (omega, v) of a 4x4 matrix of se(3); inverse of `hat`."""
+    """Twist (..., 6), (omega, v), of m (..., 4, 4) in se(3); inverse of `hat`."""
     m = _of_shape(m, (4, 4), "matrix")
     return np.concatenate([unskew(m[..., :3, :3]), m[..., :3, 3]], axis=-1)
 
 
 def basis_twist(i: int) -> Array:
-    """Basis twist ``L_{i+1}`` of [ZK]_ eq. 4: 0..2 rotations, 3..5 translations along x,
-    y, z.
+    """Basis twist ``L_{i+1}`` (6,) of [ZK]_ eq. 4: 0..2 rotations, 3..5 translations
+    along x, y, z.
     """
     e = np.zeros(6)
     e[i] = 1.0
@@ -112,7 +114,9 @@ def basis_twist(i: int) -> Array:
 def pose(
     rotation: ArrayLike | None = None, translation: ArrayLike | None = None
 ) -> Array:
-    """Pose from a rotation matrix (default identity) and a translation (default zero)."""
+    """Pose (4, 4) from a rotation matrix (3, 3), default identity, and a translation
+    (3,), default zero.
+    """
     r = np.eye(3) if rotation is None else _of_shape(rotation, (3, 3), "rotation")
     if translation is None:
         p = np.zeros(3)
@@ -126,7 +130,7 @@ def pose(
 
 
 def inverse(T_a_b: ArrayLike) -> Array:
-    """Pose ``T_b_a``, exactly orthogonal where the argument is."""
+    """Pose ``T_b_a`` (..., 4, 4), exactly orthogonal where the argument is."""
     T = _of_shape(T_a_b, (4, 4), "pose")
     rt = T[..., :3, :3].swapaxes(-1, -2)
     m = np.zeros(T.shape)
@@ -137,7 +141,9 @@ def inverse(T_a_b: ArrayLike) -> Array:
 
 
 def bracket(x: ArrayLike, y: ArrayLike) -> Array:
-    """Lie bracket [x, y] = (w1 x w2, w1 x v2 - w2 x v1), [ZK]_ eq. 5."""
+    """Lie bracket (..., 6) of twists x and y: [x, y] = (w1 x w2, w1 x v2 - w2 x v1),
+    [ZK]_ eq. 5.
+    """
     x, y = _of_shape(x, (6,), "twist"), _of_shape(y, (6,), "twist")
     return (ad(x) @ y[..., None])[..., 0]
 
@@ -154,8 +160,8 @@ def ad(x: ArrayLike) -> Array:
 
 
 def adjoint(T_a_b: ArrayLike) -> Array:
-    """Matrix ``Ad`` that takes twists in components of frame b to
-    components of frame a.
+    """Matrix ``Ad`` (..., 6, 6) that takes twists in components of frame b to components
+    of frame a.
     """
     T = _of_shape(T_a_b, (4, 4), "pose")
     r, p = T[..., :3, :3], T[..., :3, 3]
@@ -258,7 +264,9 @@ def _cot_coefficient(angle: Array) -> Array:
 
 
 def log(T: ArrayLike) -> Array:
-    """Logarithm SE(3) -> se(3), inverse of `exp`; rotation angle in [0, pi]."""
+    """Logarithm SE(3) -> se(3) of poses T (..., 4, 4), inverse of `exp`: twists (..., 6);
+    rotation angle in [0, pi].
+    """
     T = _of_shape(T, (4, 4), "pose")
     w = _rotation_vector(T[..., :3, :3])
     d = _cot_coefficient(np.linalg.norm(w, axis=-1))[..., None, None]
@@ -268,8 +276,8 @@ def log(T: ArrayLike) -> Array:
 
 
 def right_jacobian(twist: ArrayLike) -> Array:
-    """Matrix ``D`` with ``exp(x)^-1 d(exp x) = hat(D dx)``:
-    the sum of (-ad x)^k / (k+1)!.
+    """Matrix ``D`` (..., 6, 6) at a twist x (..., 6), with ``exp(x)^-1 d(exp x) = hat(D
+    dx)``: the sum of (-ad x)^k / (k+1)!.
     """
     x = _of_shape(twist, (6,), "twist")
     a = -ad(x)
@@ -298,14 +306,21 @@ def right_jacobian(twist: ArrayLike) -> Array:
 
 
 def right_jacobian_inverse(twist: ArrayLike) -> Array:
-    """Inverse of `right_jacobian`: ``d(log T) = right_jacobian_inverse(log(T)) @
-    body_twist``.
+    """Inverse (..., 6, 6) of `right_jacobian` at a twist (..., 6): ``d(log T) =
+    right_jacobian_inverse(log(T)) @ body_twist``.
     """
     return np.linalg.inv(right_jacobian(twist))
 
 
 def to_linear_angular(x: ArrayLike, axis: int = -1) -> Array:
-    """Reorder components from (omega, v) to (v, omega), as in Pinocchio."""
+    """Reorder components x from (omega, v) to (v, omega), as in Pinocchio: six along an
+    axis of an array of any shape (...), whose unit stays.
+
+    Raises
+    ------
+    InputError
+        If there are not six.
+    """
     array = real_array(x)
     if not -array.ndim <= axis < array.ndim or array.shape[axis] != 6:
         raise InputError(
@@ -338,7 +353,8 @@ def rotation_by_angles(angles: Array) -> Array:
 
 
 def roll_pitch_yaw(T: ArrayLike) -> Array:
-    """Roll, pitch, yaw of a pose, R = Rz(yaw) Ry(pitch) Rx(roll); pitch in [-pi/2, pi/2].
+    """Roll, pitch, yaw (..., 3) of poses T (..., 4, 4), R = Rz(yaw) Ry(pitch) Rx(roll);
+    pitch in [-pi/2, pi/2].
 
     Roll follows after yaw has been removed: near pitch = +-pi/2, where only one
     combination of the two is determined, the three together still reproduce the rotation
@@ -355,12 +371,17 @@ def roll_pitch_yaw(T: ArrayLike) -> Array:
 
 
 def chain_curvature(jacobian: ArrayLike, wrench: ArrayLike) -> Array:
-    """``S[a, b] = 1/2 w . [J_a, J_b]`` for a before b, symmetric:
-    the curvature of a chain.
+    """``S[a, b] = 1/2 w . [J_a, J_b]`` (..., n, n) for a before b, symmetric: the
+    curvature of a chain.
 
-    Columns of the body Jacobian (..., 6, n) are in the order of the joints from base to
+    Columns of the body `jacobian` (..., 6, n) are in the order of the joints from base to
     end, each with one coordinate and a constant axis; then d J_a / d q_b = [J_a, J_b] for
     b after a, and S is the second derivative of w . log(pose) at the posture.
+
+    Raises
+    ------
+    InputError
+        If the Jacobian has another shape.
     """
     J = real_array(jacobian)
     if J.ndim < 2 or J.shape[-2] != 6:

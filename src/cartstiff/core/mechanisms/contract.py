@@ -28,7 +28,17 @@ from cartstiff.core.units import SI, Units
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One coordinate of a mechanism: a joint angle or a distance."""
+    """One coordinate of a mechanism: a joint angle or a distance.
+
+    Attributes
+    ----------
+    name : str
+        As in the mechanism's file.
+    type : {"revolute", "prismatic", "helical"}
+        An angle [rad], for a prismatic joint a distance.
+    lower, upper : float
+        Its limits, in its unit; infinite where there are none.
+    """
 
     name: str
     type: Literal["revolute", "prismatic", "helical"]
@@ -89,13 +99,15 @@ class MechanismPosture(ABC):
 
     @abstractmethod
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
-        """Return the pose ``T_a_b`` and its map."""
+        """Return the pose ``T_a_b`` (4, 4) and its map from the coordinates to body
+        twists of b.
+        """
 
     #: The lines from the ground to the body that hold it, in M; None without.
     lines: LineGeometry | None = None
 
     def pose_of_frame(self, name: str) -> Array:
-        """Return the pose ``T_F_b`` of a frame, without its map."""
+        """Return the pose ``T_F_b`` (4, 4) of a frame, without its map."""
         return self.pose if name == "body" else self.relative("world", name)[0]
 
     def drawn(self) -> Skeleton:
@@ -264,7 +276,7 @@ class Mechanism(ABC):
         return ()
 
     def assembled(self, q_start: ArrayLike) -> Array:
-        """Return coordinates near `q_start` that satisfy the closures."""
+        """Return coordinates (n,) near `q_start` that satisfy the closures."""
         return self.closed(q_start).q
 
     def frames_as_dict(self) -> dict[str, Any]:
@@ -277,7 +289,9 @@ class Mechanism(ABC):
 
     @property
     def bounds(self) -> dict[str, tuple[float, float]]:
-        """Lower and upper limits by name; infinite where there is none."""
+        """Lower and upper limits of coordinates or lengths by name; infinite where there
+        is none.
+        """
         return {c.name: (c.lower, c.upper) for c in self.coordinates}
 
     @property
@@ -290,7 +304,8 @@ class Mechanism(ABC):
         return {}
 
     def with_mass(self, mass: float, centre: Array) -> Mechanism:  # noqa: ARG002
-        """Return the mechanism with a point mass [kg] added at a point (3,) of M.
+        """Return the mechanism with a point mass [kg] added at a point of M, `centre`
+        (3,).
 
         Raises
         ------
@@ -338,7 +353,7 @@ class Mechanism(ABC):
         return q
 
     def forward_kinematics(self, lengths: ArrayLike, start: ArrayLike) -> Array:  # noqa: ARG002
-        """Return coordinates near `start` at which the lines that hold the body
+        """Return coordinates (n,) near `start` (n,) at which the lines that hold the body
         have lengths.
 
         Raises
@@ -388,7 +403,13 @@ class Mechanism(ABC):
         return [self.frame]
 
     def with_frame(self, name: str) -> Mechanism:
-        """Return the mechanism with M at another of `frames_of_body`."""
+        """Return the mechanism with M at another of `frames_of_body`.
+
+        Raises
+        ------
+        UnknownNameError
+            For any other name.
+        """
         raise UnknownNameError("frame", name, self.frames_of_body)
 
     def screws(self) -> Array:
@@ -396,7 +417,9 @@ class Mechanism(ABC):
         return np.zeros((0, 6))
 
     def displaced(self, q: Array, step: Array) -> Array:
-        """Return coordinates after a small step in the coordinates of the derivatives."""
+        """Return coordinates (n,) after a small step (n,) in the coordinates of the
+        derivatives.
+        """
         return q + step
 
     @property
@@ -415,10 +438,10 @@ class Mechanism(ABC):
         return [("m", n) for n in dict.fromkeys((len(self.names), len(self.joint_names)))]
 
     def undeflected(self, rows: Array) -> Array:
-        """Return coordinates (..., n) from joint positions (..., m),
-        without link deflections.
+        """Return coordinates (..., n) from joint positions (..., m), without link
+        deflections.
 
-        Rows of all coordinates are returned as they are.
+        `rows` (..., n) of all coordinates are returned as they are.
         """
         if rows.shape[-1] == len(self.names):
             return rows
@@ -427,6 +450,7 @@ class Mechanism(ABC):
 
     def checked(self, q: ArrayLike, what: str = "q") -> Array:
         """Check coordinates (n,), or positions of the joints alone; return the former.
+        The message calls them `what`.
 
         Raises
         ------

@@ -94,6 +94,11 @@ class ElasticMechanism(ShownInLines):
     efforts : mapping of str to (float, float)
         Least and largest torque (force) of the drives of joints on the links that they
         move.
+
+    Raises
+    ------
+    InputError
+        If `mechanism` is of another kind, or `q` no array of numbers.
     """
 
     name: str
@@ -380,10 +385,10 @@ class ElasticMechanism(ShownInLines):
         Parameters
         ----------
         stiffness, rest
-            One number for all joints, one per joint, or a mapping from joint names for
-            some of them; None changes nothing. A single stiffness is for the joints that
-            are actuated or have a spring: passive joints stay free. A stiffness may be a
-            text with its unit, such as "392 N m/arcmin".
+            One number for all joints, one per joint, shape (n,), or a mapping from joint
+            names for some of them; None changes nothing. A single stiffness is for the
+            joints that are actuated or have a spring: passive joints stay free. A
+            stiffness may be a text with its unit, such as "392 N m/arcmin".
 
         Raises
         ------
@@ -519,6 +524,11 @@ class ElasticMechanism(ShownInLines):
 
         Springs have the `forces` (m,) at the start, where these are not NaN: rest
         positions that were chosen there follow.
+
+        Raises
+        ------
+        InputError
+            For another `key` than those of `compliances`.
         """
         check_name("compliance", key, self.compliances)
         term, names = self._owners[key]
@@ -531,7 +541,7 @@ class ElasticMechanism(ShownInLines):
         self, balanced: ElasticMechanism, posture: MechanismPosture
     ) -> Array | None:
         """Forces (m,) at a posture of springs whose open rest positions were chosen
-        there, NaN for the others; for `softened`.
+        there, in the mechanism `balanced`, NaN for the others; for `softened`.
         """
         given, chosen = self.springs, balanced.springs
         if given is None or chosen is None:
@@ -669,7 +679,7 @@ class ElasticMechanism(ShownInLines):
         return replace(self, springs=None if springs is None else springs.at_rest(q))
 
     def terms(self, springs: bool = True) -> tuple[Potential, ...]:
-        """Return all potentials that act."""
+        """Return all potentials that act, with other `springs` if these are given."""
         terms: list[Potential] = list(self.potentials)
         if springs and self.springs is not None:
             terms.insert(0, self.springs)
@@ -749,7 +759,9 @@ class ElasticMechanism(ShownInLines):
         return notes
 
     def evaluate(self, posture: MechanismPosture, springs: bool = True) -> Evaluation:
-        """Return energy, gradient and Hessian of all potentials at a posture."""
+        """Return energy, gradient and Hessian of all potentials at a posture, with other
+        `springs` if these are given.
+        """
         others = evaluate_together(self.terms(springs=False), posture)
         acting = [summed(others)] if others else []
         if springs and self.springs is not None:

@@ -385,6 +385,11 @@ class Platform(Mechanism):
         Masses of the legs; none by default.
     leg_limits : LegLimits, optional
         Limits other than the lengths; its platform axes in the frame of interest.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, or numbers that are no pose, mass, inertia or limit.
     """
 
     coordinates_are_pose = True
@@ -478,7 +483,14 @@ class Platform(Mechanism):
         return other
 
     def with_points(self, base: ArrayLike, platform: ArrayLike) -> Self:
-        """The platform with other anchors in F and other points of the body in P."""
+        """The platform with other anchors (m, 3) in F, `base`, and other points (m, 3) of
+        the body in P, `platform`.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes.
+        """
         other, T_M_P = copy(self), se3.inverse(self.T_P_M)
         other.anchors = checked_array(base, None, "base points")
         other.points_P = checked_array(platform, None, "platform points")
@@ -491,7 +503,7 @@ class Platform(Mechanism):
         return PlatformPosture(self, self.checked(q, "pose"))
 
     def pose_of(self, q: Array) -> Array:
-        """Return the pose ``T_F_M`` from the pose of P in F."""
+        """Return the pose ``T_F_M`` (..., 4, 4) from the pose of P in F."""
         return se3.from_roll_pitch_yaw(q[:3], q[3:]) @ self.T_P_M
 
     def coordinates_of(self, T_F_M: ArrayLike) -> Array:
@@ -502,7 +514,7 @@ class Platform(Mechanism):
         return np.concatenate([T_F_P[..., :3, 3], se3.roll_pitch_yaw(T_F_P)], axis=-1)
 
     def displaced(self, q: Array, step: Array) -> Array:
-        """Return coordinates after a small body twist `step`."""
+        """Return coordinates (6,) after a small body twist `step` (6,)."""
         return self.coordinates_of(self.pose_of(q) @ se3.exp(step))
 
     @property
@@ -519,7 +531,9 @@ class Platform(Mechanism):
         return masses if self.struts is None else masses | {"legs": self.struts.mass}
 
     def with_mass(self, mass: float, centre: Array) -> Self:
-        """Return the platform with a point mass [kg] added at a point of M."""
+        """Return the platform with a point mass [kg] added at a point of M, `centre`
+        (3,).
+        """
         other = copy(self)
         other.mass = self.mass + mass
         first = self.mass * self.mass_centre + mass * np.asarray(centre, float)
@@ -618,7 +632,7 @@ class Platform(Mechanism):
         return other
 
     def leg_lengths(self, q: ArrayLike) -> Array:
-        """Return the lengths of the legs at a pose."""
+        """Return the lengths (m,) of the legs at a pose."""
         return self.at(q).lines.lengths
 
     def forward_kinematics(self, lengths: ArrayLike, start: ArrayLike) -> Array:

@@ -56,9 +56,10 @@ def check_coordinates(model: pin.Model) -> None:
 def add_joint(
     model: pin.Model, parent: int, joint: Any, T: Array, name: str, limits: ArrayLike
 ) -> int:
-    """Add a joint with one coordinate and its limits to a model.
+    """Add a joint with one coordinate to a Pinocchio model, and return its index.
 
-    Return the joint's index.
+    It turns or slides in the frame at the pose T (4, 4) of its `parent`, the index of a
+    joint; `limits` (2,) are in its unit.
     """
     unbounded = np.full(1, np.inf)  # efforts and velocities
     lower, upper = np.array(limits, float)[:, None]

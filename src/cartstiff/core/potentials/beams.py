@@ -394,8 +394,8 @@ class Beam(Potential):
         return errors + _ERROR_OF_S * S * S * share / (1.0 + share)
 
     def segments(self, x: Array) -> tuple[Array, Array, Array]:
-        """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of segments at
-        coordinates (m, 6).
+        """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of segments at coordinates
+        x (m, 6).
         """
         return self._evaluated(x)[:3]
 
@@ -502,8 +502,8 @@ class Beam(Potential):
         return N, s, s1, s2
 
     def rotational(self, N: Array) -> tuple[Array, Array, Array]:
-        """s_s about y and z, s_a about y and z (m, 4), and their first two
-        derivatives by N.
+        """Rotational stiffnesses (m, 4) under axial forces N (m,), s_s about y and z, s_a
+        about y and z, and their first two derivatives by N.
         """
         h = self.length
         EI, GA = np.array(self.section.bending), np.array(self.section.shear)

@@ -33,7 +33,8 @@ class SecondOrderMap:
     curvature : callable
         ``curvature(w)`` is the (n, n) symmetric matrix sum_k w_k Hess(component k). For a
         map to poses the components are exponential coordinates at the posture, so that
-        ``S[a, b] = 1/2 w . [J_a, J_b]`` for joint a before joint b.
+        (theory page, section 5) ``S[a, b] = 1/2 w . [J_a, J_b]`` for joint a before joint
+        b.
     sizes : ndarray, shape (m,), or None
         Natural sizes of the residual of closures: 1 for an angle, the characteristic
         length for a distance, so that results do not depend on the unit of length. None:
@@ -375,8 +376,8 @@ class Potential(ABC):
         """
 
     def in_units(self, a: float, sizes: Array, efforts: Array) -> Self:  # noqa: ARG002
-        """The same with lengths times `a`, coordinates times `sizes`,
-        their forces times `efforts`.
+        """The same with lengths times `a`, coordinates times `sizes` (n,), their forces
+        times `efforts` (n,).
 
         Raises
         ------
@@ -525,8 +526,8 @@ class Potential(ABC):
         return self
 
     def lines_and_rest(self, posture: Posture) -> tuple[Array, Array, Array] | None:  # noqa: ARG002
-        """Lines g (m, 6) from ground to body, their k (m,), and the rest of K^B;
-        None without.
+        """Lines g (m, 6) from ground to body, their stiffnesses k (m,), and the rest (6,
+        6) of K^B; None without.
         """
         return None
 

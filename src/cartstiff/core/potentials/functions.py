@@ -87,7 +87,13 @@ class JointFunction(Potential):
     scale: float = 1.0
 
     def evaluate(self, posture: Posture) -> Evaluation:
-        """Energy, gradient and Hessian at the posture's coordinates."""
+        """Energy, gradient and Hessian at the posture's coordinates.
+
+        Raises
+        ------
+        InputError
+            For a gradient or Hessian of another shape.
+        """
         q = posture.q
         if self.gradient is None or self.hessian is None:
             f = lambda d: float(self.energy(q + d))  # noqa: E731
@@ -111,8 +117,8 @@ class PoseFunction(PosePotential):
     energy : callable
         ``energy(T)`` of a 4x4 pose.
     wrench, stiffness : callable, optional
-        ``wrench(T)`` = dPhi (6,) and ``stiffness(T)`` = K^A or K^B (6, 6; the symmetric
-        part counts), in components of frame b. Give both or none.
+        ``wrench(T)`` = dPhi (6,), [ZK]_, and ``stiffness(T)`` = K^A or K^B (6, 6; the
+        symmetric part counts), in components of frame b. Give both or none.
     length : float
         Natural length, in the mechanism's unit, for the numerical derivatives.
     """
@@ -123,8 +129,13 @@ class PoseFunction(PosePotential):
     length: float = 1.0
 
     def on_pose(self, T_a_b: Array) -> tuple[float, Array, Array]:
-        """Energy, wrench, K^B; in exponential coordinates at the pose,
-        whose Hessian K^B is.
+        """Energy, wrench, K^B; in exponential coordinates at the pose, whose Hessian K^B
+        is.
+
+        Raises
+        ------
+        InputError
+            For a wrench or stiffness of another shape.
         """
         if self.wrench is None or self.stiffness is None:
             scale = np.array([1.0] * 3 + [self.length] * 3)

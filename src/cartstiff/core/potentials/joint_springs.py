@@ -41,6 +41,12 @@ class JointSprings(Springs):
     rigid : frozenset of int
         Coordinates with infinite stiffness. They store no energy, and `stiffness` is 0
         there; the mechanism does not move them.
+
+    Raises
+    ------
+    InputError
+        For arrays of different length, a negative stiffness, or a rest position of a
+        rigid joint.
     """
 
     stiffness: Array
@@ -235,7 +241,9 @@ class JointSprings(Springs):
         return Evaluation(float(energies.sum()), torque, read_only(np.diag(diagonal)))
 
     def in_units(self, a: float, sizes: Array, efforts: Array) -> Self:  # noqa: ARG002
-        """The same springs in other units."""
+        """The same springs in other units: coordinates times `sizes` (n,), torques times
+        `efforts` (n,).
+        """
         own = {
             j: law.in_units(float(sizes[j]), float(efforts[j]))
             for j, law in self.laws.items()
@@ -244,7 +252,9 @@ class JointSprings(Springs):
         return replace(self, stiffness=k, rest=rest, laws=own)
 
     def replaced(self, stiffness: Array, rest: Array) -> JointSprings:
-        """The same springs with other stiffnesses and rest positions."""
+        """The same springs with other stiffnesses, `stiffness` (n,), and rest positions,
+        `rest` (n,).
+        """
         return replace(self, stiffness=stiffness, rest=rest)
 
     def with_forces(self, posture: Posture, forces: Array) -> JointSprings:

@@ -145,6 +145,11 @@ class LineSprings(PosePotential, Springs):
         Lengths, the tensions chosen there, which the rest length of a stiff line would
         round, and those to which they are the nearest. None if the rest lengths were
         given.
+
+    Raises
+    ------
+    InputError
+        For arrays of different length, no lines, or a stiffness that is not above zero.
     """
 
     anchors: Array
@@ -231,7 +236,7 @@ class LineSprings(PosePotential, Springs):
         return tuple(f"leg{i}" for i in range(1, len(self.stiffness) + 1))
 
     def slides_in(self, coordinates: Sequence[Named]) -> list[bool]:  # noqa: ARG002
-        """All lines deflect by a distance."""
+        """All lines deflect by a distance, whatever the `coordinates`."""
         return [True] * len(self.stiffness)
 
     def positions(self, posture: Posture) -> Array:
@@ -299,7 +304,7 @@ class LineSprings(PosePotential, Springs):
         return self._taut(self.positions(posture))
 
     def of_coordinates(self, count: int) -> Array:
-        """No coordinate has a spring of its own."""
+        """No coordinate has a spring of its own: zeros (n,) for a `count` n."""
         return np.zeros(count)
 
     def attachments(self) -> list[tuple[str, Array]]:
@@ -323,7 +328,7 @@ class LineSprings(PosePotential, Springs):
         return float(np.abs(self.anchors).max()) if self.frame_a == "world" else 0.0
 
     def shifted(self, posture: Posture, which: Sequence[int], less: Array) -> LineSprings:
-        """The same with the tensions of some lines reduced at a posture,
+        """The same with the tensions of some lines reduced at a posture by `less` (m,),
         not their lengths.
         """
         lengths = self.geometry(posture).lengths
@@ -333,7 +338,7 @@ class LineSprings(PosePotential, Springs):
         return replace(self, balanced_at=(lengths, tensions, given))
 
     def tensions(self, lengths: Array) -> Array:
-        """Tension k (l - l0) of each line; zero for a slack cable."""
+        """Tension k (l - l0) of each line (m,); zero for a slack cable."""
         t = self._pull(lengths)
         return np.where(self.cables, np.maximum(t, 0.0), t)
 
@@ -345,11 +350,11 @@ class LineSprings(PosePotential, Springs):
         return np.asarray(tensions + self.stiffness * (lengths - at))
 
     def lengths_at(self, T_a_b: Array) -> Array:
-        """Length of each line at a pose."""
+        """Length of each line (m,) at a pose."""
         return line_geometry(T_a_b, self.anchors, self.points).lengths
 
     def is_taut(self, lengths: Array) -> Array:
-        """Lines that carry force: all, or the cables longer than their rest length."""
+        """Which lines (m,) carry force: all, or the cables beyond their rest length."""
         return (lengths >= self.rest_length) | ~self.cables
 
     def slack(self, posture: Posture) -> list[int]:
@@ -422,7 +427,8 @@ class LineSprings(PosePotential, Springs):
         return self.rest_length
 
     def replaced(self, stiffness: Array, rest: Array) -> Self:
-        """The same lines with other stiffnesses and rest lengths.
+        """The same lines with other stiffnesses, `stiffness` (m,), and rest lengths,
+        `rest` (m,).
 
         New ones replace a preload.
         """

@@ -174,11 +174,15 @@ class Springs(Potential):
         return tuple(c.name for c in coordinates)
 
     def slides_in(self, coordinates: Sequence[Named]) -> list[bool]:
-        """Whether each spring of such a mechanism deflects by a distance."""
+        """Whether each spring of a mechanism with these `coordinates` deflects by a
+        distance.
+        """
         return [c.is_length for c in coordinates]
 
     def positions(self, posture: Posture) -> Array:
-        """Where each spring is (m,): its deflection is the difference to `rest`."""
+        """Position (m,) of each spring, in its unit: the deflection is the difference to
+        `rest`.
+        """
         return posture.q
 
     def rows(self, posture: Posture) -> Array:
@@ -198,14 +202,14 @@ class Springs(Potential):
         return self.torque(q)
 
     def of_coordinates(self, count: int) -> Array:  # noqa: ARG002
-        """Stiffness of each coordinate's own spring (n,).
+        """Stiffness of the own spring of each of `count` coordinates (n,).
 
         Zero without one, or with a law.
         """
         return self.stiffness
 
     def has_coordinate(self, count: int) -> Array:
-        """Which coordinates (n,) have a spring of their own."""
+        """Which of `count` coordinates (n,) have a spring of their own."""
         own = self.of_coordinates(count) > 0.0
         own[list(self.laws)] = True
         return own
@@ -215,7 +219,9 @@ class Springs(Potential):
         return np.ones(len(self.stiffness), bool)
 
     def holding(self, lines: Array | None = None) -> Array:  # noqa: ARG002
-        """Springs (m,) that are to keep a given force at a posture, whatever acts."""
+        """Springs (m,) that are to keep a given force at a posture, whatever acts;
+        `lines` (6, m) are those at the posture.
+        """
         return np.zeros(len(self.stiffness), bool)
 
     def require_ideal_joints(self, what: str) -> None:
@@ -253,8 +259,8 @@ class Springs(Potential):
         return self
 
     def shifted(self, posture: Posture, which: Sequence[int], less: Array) -> Self:  # noqa: ARG002
-        """The same with the tensions of some springs reduced,
-        where that is a number they have.
+        """The same with the tensions of some springs reduced by `less` (m,), where that
+        is a number they have.
         """
         return self
 

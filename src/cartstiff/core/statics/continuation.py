@@ -611,8 +611,8 @@ class LoadCurve(Result, LabelledResult):
         tolerance: float = 0.05,
         part: Literal["rotation", "translation"] = "translation",
     ) -> float:
-        """Factor up to which the linear prediction of a part stays within a
-        relative deviation.
+        """Factor up to which the linear prediction of a part, "rotation" or
+        "translation", stays within a relative deviation, the `tolerance`.
         """
         off = self.deviation[:, 0 if part == "rotation" else 1]
         factors = np.abs(self.factors)

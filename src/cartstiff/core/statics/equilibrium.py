@@ -43,8 +43,8 @@ from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN, checked_load
 
 
 def relaxed(elastic: ElasticMechanism, q: ArrayLike | None = None) -> Array:
-    """Coordinates of least energy along the self-motion,
-    at a fixed pose of the end-effector.
+    """Coordinates (n,) of least energy along the self-motion, at a fixed pose of the
+    end-effector.
 
     Under arbitrary joint torques a redundant arm is not in equilibrium with any wrench at
     its end-effector: it moves along its self-motion until the energy has a minimum over

@@ -103,7 +103,13 @@ class Held:
 
     @classmethod
     def from_pose(cls, T_F_f: ArrayLike, frame: str = "body") -> Held:
-        """All six components held at a pose."""
+        """All six components held at a pose ``T_F_f`` (4, 4).
+
+        Raises
+        ------
+        InputError
+            For a pose that has no numbers.
+        """
         return cls(dict.fromkeys(COMPONENTS, 0.0), real_array(T_F_f), frame=frame)
 
     @property
@@ -123,7 +129,7 @@ class Held:
         return replace(self, reference=posture.relative("world", self.frame)[0])
 
     def scaled(self, factor: float) -> Held:
-        """The same with all displacements multiplied."""
+        """The same with all displacements multiplied by a `factor`."""
         return replace(self, values={n: factor * v for n, v in self.values.items()})
 
     def constraint(

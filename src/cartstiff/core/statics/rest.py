@@ -384,7 +384,7 @@ class Equilibrium(Result, LabelledResult):
     iterations : int
         Newton steps.
     history : tuple of float
-        Residual before each of them.
+        Residual before each of them, the same share.
     stable : bool or None
         Whether H_N is positive definite. None if that decides nothing: at a zero
         eigenvalue ("neutral"), and without an energy unless vibrations grow; see
@@ -552,7 +552,7 @@ class Equilibrium(Result, LabelledResult):
 
     @property
     def pose(self) -> Array:
-        """``T_F_M`` (4, 4)."""
+        """Pose ``T_F_M`` (4, 4)."""
         return fixed(self.posture.pose)
 
     @property
@@ -567,7 +567,9 @@ class Equilibrium(Result, LabelledResult):
 
     @cached_property
     def eigenvalues(self) -> Array:
-        """Eigenvalues of H_N; without an energy omega^2 of the vibrations."""
+        """Eigenvalues (k,) of H_N, energies in natural units; without an energy omega^2
+        [rad^2/s^2] of the vibrations.
+        """
         if self._squares is not None:
             return fixed(self._squares)
         return read_only(spectrum(self._solution.balance, conservative=True))

@@ -375,11 +375,11 @@ class PostureStiffness(LabelledResult):
         return (names["rr"], names["rt"]), (names["tr"], names["tt"])
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw how far M moves under a unit force of any direction,
-        in the planes of its axes.
+        """Draw how far M moves under a unit force of any direction, in the planes of its
+        axes.
 
-        The curves are the outlines of the ellipsoid ``{C f : |f| = 1}`` of the
-        translational block C of `compliance`; all other freedoms are free.
+        The curves are the outlines of the ellipsoid of all C f, f a unit force and C the
+        translational block of `compliance`; all other freedoms are free.
 
         Parameters
         ----------
@@ -438,12 +438,12 @@ class PostureStiffness(LabelledResult):
 
     @cached_property
     def pose(self) -> Array:
-        """``T_F_M`` (4, 4)."""
+        """Pose ``T_F_M`` (4, 4)."""
         return fixed(self.posture.pose)
 
     @cached_property
     def wrench(self) -> Array | None:
-        """W = dPhi in the body frame; None in an unbalanced posture."""
+        """Wrench W = dPhi (6,) in the body frame; None in an unbalanced posture."""
         return None if self.reduction.force is None else fixed(self.reduction.force)
 
     @cached_property
@@ -463,23 +463,26 @@ class PostureStiffness(LabelledResult):
         return float(sum(each, 0.0)) if outside else self.energy
 
     def motion_under(self, wrench: ArrayLike, change: ArrayLike | None = None) -> Array:
-        """Linear motion of all coordinates (n,) under an added wrench (6,) in
-        the body frame.
+        """Linear motion of all coordinates (n,) under an added wrench (6,) in the body
+        frame.
 
-        ``dq = N (H_N + J_N^T D J_N)^-1 J_N^T dW`` with D = K^X - K^B for another
-        connection X than B: J dq is then ``(K^X)^-1 dW``.
+        By (5) of `cartstiff.core.stiffness.reduction`, ``dq = N (H_N + J_N^T D J_N)^-1
+        J_N^T dW`` with D = K^X - K^B for another connection X than B: J dq is then
+        ``(K^X)^-1 dW``.
 
         Parameters
         ----------
         wrench : array_like, shape (6,)
             dW, body frame.
         change : array_like, shape (6, 6), optional
-            D; zero by default.
+            Difference D of two stiffnesses; zero by default.
 
         Raises
         ------
         UndefinedError
             In an unbalanced posture, or if a motion costs no energy.
+        InputError
+            For another shape.
         """
         reduction = self.reduction
         if self.wrench is None:
@@ -535,11 +538,12 @@ class PostureStiffness(LabelledResult):
 
     @cached_property
     def compliances(self) -> Mapping[str, Array | None]:
-        """Inverses of `matrices`, computed without them; C^A, C^B,
-        C^K exist at singularities, too.
+        """Compliances (6, 6), inverses of `matrices` that are computed without them; C^A,
+        C^B, C^K exist at singularities, too.
 
-        ``C^X = J_N (H_N + J_N^T D J_N)^-1 J_N^T`` with D = K^X - K^B, which depends on
-        the load only; for C^F the Hessian is that in the chart.
+        By (5) of `cartstiff.core.stiffness.reduction`, ``C^X = J_N (H_N + J_N^T D J_N)^-1
+        J_N^T`` with D = K^X - K^B, which depends on the load only; for C^F the Hessian is
+        that in the chart.
         """
         C = {name: None if C is None else C.matrix for name, C in self._inverses.items()}
         return NamedArrays(C, {"load": C.pop("load")})
@@ -555,7 +559,9 @@ class PostureStiffness(LabelledResult):
 
     @property
     def motions_of_closed(self) -> tuple[Array, int, Array | None]:
-        """Of a closed chain: `Reduction.singular_values`, `usual_rank`, `motions`."""
+        """Of a closed chain: `Reduction.singular_values`, `usual_rank`, and `motions`,
+        shape (n, f), all dimensionless.
+        """
         if (later := self._later) is not None:
             return cast(tuple[Array, int, Array], later.find("motions_of_closed", self))
         found = self.reduction
@@ -592,7 +598,8 @@ class PostureStiffness(LabelledResult):
 
     @property
     def change_by_load(self) -> Array:
-        """``K^load - K^B`` (6, 6), zero without a load.
+        """Change of the stiffness by the load, ``K^load - K^B`` (6, 6), zero without a
+        load.
 
         Exists at singular postures, too.
         """
@@ -647,8 +654,8 @@ class PostureStiffness(LabelledResult):
 
     @property
     def torques(self) -> Array:
-        """What the joints' drives exert on the links that they move (n,), zero without a
-        spring.
+        """Torques or forces (n,) of the joints' drives on the links that they move, zero
+        without a spring.
         """
         known = {one.name: one.force for one in self.forces}
         return np.array([known.get(name, 0.0) for name in self.elastic.names])
@@ -698,7 +705,7 @@ class PostureStiffness(LabelledResult):
 
     @property
     def tangent_compliance(self) -> Array | None:
-        """Inverse of `tangent`, computed as `compliances`.
+        """Compliance (6, 6), the inverse of `tangent`, computed as `compliances`.
 
         Exists at singular postures, too.
         """
@@ -712,7 +719,9 @@ class PostureStiffness(LabelledResult):
 
     @cached_property
     def inverse_of_symmetric_tangent(self) -> Array | None:
-        """Inverse of the symmetric part of `tangent`; None if there is none."""
+        """Compliance (6, 6), the inverse of the symmetric part of `tangent`; None if
+        there is none.
+        """
         C, change = self.compliances["B"], self.change_by_load
         if C is None or not change.any():
             return C

@@ -149,7 +149,7 @@ class LabelledMatrix:
 
     @property
     def T(self) -> Array:  # noqa: N802
-        """The transposed matrix."""
+        """The transposed matrix (6, 6), in the same units."""
         return self.matrix.T
 
     @property
@@ -239,7 +239,8 @@ class LabelledMatrix:
 class Compliance(LabelledMatrix):
     """A compliance matrix: twist (rows) per wrench (columns).
 
-    The inverse of a stiffness matrix.
+    The inverse of a stiffness matrix, with its `connection`, frame, units and `order` of
+    components, as those of `StiffnessTensor`.
     """
 
     _letter = "C"
@@ -266,7 +267,7 @@ class StiffnessTensor(LabelledMatrix):
     Attributes
     ----------
     matrix : ndarray, shape (6, 6)
-        K in body components of `frame`; read-only.
+        Stiffness K in body components of `frame`; read-only.
     connection : Connection
         How wrenches at neighbouring poses were compared.
     wrench : ndarray, shape (6,)
@@ -281,11 +282,17 @@ class StiffnessTensor(LabelledMatrix):
     order : {"angular-linear", "linear-angular"}
         Order of twist components.
     inverse : ndarray, shape (6, 6), or None
-        C = K^-1 if known more accurately than from K; it is transformed together with K.
+        Compliance C = K^-1 if known more accurately than from K; it is transformed
+        together with K.
     base : ndarray, shape (4, 4)
-        ``T_F_B`` of the robot's own base frame.
+        Pose ``T_F_B`` of the robot's own base frame.
     is_singular : bool
         Whether K is known to have no inverse, though its rounded numbers may have one.
+
+    Raises
+    ------
+    InputError
+        For another shape or order.
     """
 
     matrix: Array
@@ -336,12 +343,12 @@ class StiffnessTensor(LabelledMatrix):
 
     @property
     def asymmetry(self) -> Array:
-        """K - K^T."""
+        """K - K^T (6, 6), in the units of the stiffness."""
         return self.matrix - self.matrix.T
 
     @property
     def predicted_asymmetry(self) -> Array:
-        """K - K^T from load and connection alone, [ZK]_ eq. 50.
+        """K - K^T (6, 6) from load and connection alone, [ZK]_ eq. 50.
 
         K[i, j] - K[j, i] = [L_j, L_i] Phi - (nabla_{L_j} L_i - nabla_{L_i} L_j) Phi: the
         wrench against the torsion.
@@ -355,7 +362,7 @@ class StiffnessTensor(LabelledMatrix):
 
     @property
     def symmetric_part(self) -> Array:
-        """(K + K^T) / 2."""
+        """(K + K^T) / 2, shape (6, 6), in the units of the stiffness."""
         return 0.5 * (self.matrix + self.matrix.T)
 
     def split(self) -> tuple[Array, Array, Array]:
@@ -422,6 +429,11 @@ class StiffnessTensor(LabelledMatrix):
         that of its own origin: under the same name it is another connection for N, and
         K^K is recomputed from K^A' and W'. A connection known by its symbols is carried
         along.
+
+        Raises
+        ------
+        InputError
+            If ``T_M_N`` is no pose.
         """
         T = checked_pose(T_M_N, "T_M_N")
         here = self.to_order("angular-linear")
@@ -444,8 +456,12 @@ class StiffnessTensor(LabelledMatrix):
         return moved.to_order(self.order)
 
     def to_order(self, order: Order) -> StiffnessTensor:
-        """Components in order "angular-linear" (ours) or "linear-angular"
-        (Pinocchio's).
+        """Components in order "angular-linear" (ours) or "linear-angular" (Pinocchio's).
+
+        Raises
+        ------
+        InputError
+            For another order.
         """
         if order not in (se3.ANGULAR_LINEAR, se3.LINEAR_ANGULAR):
             raise InputError(
@@ -547,7 +563,7 @@ class StiffnessTensor(LabelledMatrix):
         Parameters
         ----------
         matrix : array_like (6, 6)
-            Symmetric, about M's origin.
+            Symmetric stiffness about M's origin.
         order : {"linear-angular", "angular-linear"}
             Order of its rows and columns; most controllers have translation first.
         axes : {"base", "body", "world"}
@@ -556,7 +572,7 @@ class StiffnessTensor(LabelledMatrix):
         pose : array_like (4, 4), optional
             ``T_F_M``, which base and world axes need.
         base : array_like (4, 4), optional
-            ``T_F_B``; default the identity.
+            Pose ``T_F_B``; default the identity.
         frame, units
             As of any tensor.
 
@@ -584,8 +600,8 @@ class StiffnessTensor(LabelledMatrix):
     def as_controller(
         self, *, order: Order = "linear-angular", axes: Axes = "base"
     ) -> Array:
-        """The matrix (6, 6) in the order and along the axes of a controller;
-        see `from_controller`.
+        """The stiffness (6, 6) in the order and along the axes of a controller; see
+        `from_controller`.
 
         Raises
         ------
@@ -607,7 +623,13 @@ class StiffnessTensor(LabelledMatrix):
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> StiffnessTensor:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Raises
+        ------
+        InputError
+            For `data` that `to_dict` did not make.
+        """
         try:
             connection = Connection.from_dict(data["connection"])
             units = Units(data["units"]["length"], data["units"]["force"])
@@ -647,7 +669,8 @@ class StiffnessTensor(LabelledMatrix):
         return buffer.getvalue()
 
     def save(self, path: str | Path) -> None:
-        """Write to .json, .csv or .npz (matrix, wrench, pose), by the file's ending.
+        """Write to a .json, .csv or .npz file (matrix, wrench, pose), by the ending of
+        `path`.
 
         Raises
         ------

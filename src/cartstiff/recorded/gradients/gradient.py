@@ -245,7 +245,8 @@ def gradient(
         equilibrium under the load, as in `cartstiff.equilibrium`, and rest positions are
         numbers, too.
     connection, direction, deflect, length
-        Settings of the quantity, as in `cartstiff.maps.map_of`. The length stays.
+        Settings of the quantity, as in `cartstiff.maps.map_of`: `direction` is a vector
+        (3,), `deflect` a wrench (6,). The length stays.
     wrench, load_kind, load_at, load_axes
         Load, as in `cartstiff.analyse`.
 

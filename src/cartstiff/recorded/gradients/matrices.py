@@ -59,8 +59,8 @@ def sensitivities(
     geometry : bool
         Whether placements of joints, or points of platforms, are varied.
     reread : callable, optional
-        Function from values of the file's parameters to the mechanism, for derivatives by
-        these: ``lambda values: cartstiff.load(file, parameters=values)``.
+        Function from values of the file's parameters, in its units, to the mechanism, for
+        derivatives by these: ``lambda values: cartstiff.load(file, parameters=values)``.
     progress : callable, optional
         Called with (done, total) parameters.
 

@@ -193,14 +193,14 @@ def show(
     wrench : array_like (6,), optional
         Load (moment, force) shown at first, as in `cartstiff.analyse`.
     trajectory : array_like (N, n) or (N, joints), optional
-        Postures for the time slider.
+        Coordinates, or joint positions, for the time slider.
     workspace : Workspace, optional
         From `cartstiff.workspace`; its boundary and the singular surface are drawn.
     connections : sequence of Connection
         Your own, which the page sets beside the named ones.
     static : bool
-        An exported page instead of a live one: for notebooks that are kept,
-        or whose server runs on another machine.
+        An exported page instead of a live one: for notebooks that are kept, or whose
+        server runs on another machine.
     port : int
         Port of a live page, on 127.0.0.1; 0 takes a free one.
     open_browser : bool, optional

@@ -61,8 +61,8 @@ class Appearance:
     centres : bool
         Centres of stiffness, compliance, elasticity, and of least coupling.
     held_forces : bool
-        Forces on M's origin, without a moment, that the drives hold beside the weight:
-        a polytope, its scale stated.
+        Forces on M's origin, without a moment, that the drives hold beside the weight: a
+        polytope, its scale stated.
     ghost : tuple of floats, optional
         Coordinates of a second posture, drawn pale.
     rest : tuple of floats, optional
@@ -80,6 +80,11 @@ class Appearance:
         Background.
     grid, frames : bool
         The ground; the axes of F and M.
+
+    Raises
+    ------
+    InputError
+        For other words than these, or an exaggeration that is not above zero.
     """
 
     connection: str = "load"

@@ -232,7 +232,7 @@ def add_wrench(
     wrench : array_like, shape (6,)
         (moment, force) in the frame with pose T.
     T : array_like, shape (4, 4), optional
-        ``T_F_M``; the arrows start at its origin.
+        Pose ``T_F_M``; the arrows start at its origin.
     size : float
         Length of an arrow of 10; it is a quarter longer for each further factor of ten.
     force, moment : str

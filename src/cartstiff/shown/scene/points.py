@@ -206,6 +206,8 @@ def add_path(
 ) -> dict[str, Any]:
     """Draw a line through points (n, 3), in one colour or coloured by values (n,).
 
+    Arguments as in `add_points`.
+
     Returns
     -------
     dict

@@ -52,12 +52,12 @@ class Linear:
     def from_values(
         cls, values: ArrayLike, target: float, usual: ArrayLike = (), *, cut: bool = False
     ) -> Self:
-        """A scale for values (any shape) that are drawn together,
-        the largest about `target` long.
+        """A scale for values (...), of any shape and unit, that are drawn together, the
+        largest about `target` long.
 
-        The scale of `usual` values is kept as long as a length is of use; else it is
-        whole powers of ten away. With `cut` a largest value that lies far apart is cut,
-        and the others are seen.
+        The scale of `usual` values (...) is kept as long as a length is of use; else it
+        is whole powers of ten away. With `cut` a largest value that lies far apart is
+        cut, and the others are seen.
         """
         largest = _bounded_largest if cut else max
         sizes, area = _sizes(values), target**cls._power
@@ -72,7 +72,7 @@ class Linear:
 
     @classmethod
     def from_legend(cls, facts: Mapping[str, Any]) -> Self:
-        """The scale that a legend says."""
+        """The scale that a legend says: `facts` as `legend` returns them."""
         return cls(facts["value_per_length"] or 0.0, facts["cut_at"] or inf)
 
     def length(self, value: float) -> float:
@@ -95,7 +95,8 @@ class Linear:
 class Root(Linear):
     """Length = sqrt(value / `per_length`): soft and stiff are both seen.
 
-    `per_length` is a round number, the value that one unit of length stands for.
+    `per_length` is a round number, the value that one unit of length stands for; no
+    length is above `most`.
     """
 
     kind = "root"
@@ -124,11 +125,11 @@ class Logarithmic:
         *,
         cut: bool = False,  # noqa: ARG003
     ) -> Self:
-        """A scale for values (any shape) that are drawn together,
-        the largest about `target` long.
+        """A scale for values (...), of any shape and unit, that are drawn together, the
+        largest about `target` long.
 
-        The scale of `usual` values is kept as long as a length is of use. Nothing has to
-        be `cut`.
+        The scale of `usual` values (...) is kept as long as a length is of use. Nothing
+        has to be `cut`.
         """
         if not (sizes := _sizes(values)):
             return cls()
@@ -142,7 +143,7 @@ class Logarithmic:
 
     @classmethod
     def from_legend(cls, facts: Mapping[str, Any]) -> Self:
-        """The scale that a legend says."""
+        """The scale that a legend says: `facts` as `legend` returns them."""
         return cls(facts["zero_at"] or 0.0, facts["length_per_decade"] or 0.0)
 
     @staticmethod

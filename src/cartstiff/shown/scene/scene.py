@@ -169,10 +169,10 @@ class Scene:
         better: str | None = None,
         allowed: tuple[float, str] | None = None,
     ) -> dict[str, Any]:
-        """Show a map: points (N, 3) in F, in the mechanism's unit,
-        coloured by values (N,).
+        """Show a map: points (N, 3) in F, in the mechanism's unit, coloured by values
+        (N,).
 
-        Arguments and returned facts of the colour bar as of `add_points`. No points
+        Arguments and returned facts of the colour bar as in `add_points`. No points
         remove the map.
         """
         self.keep_in_view("map", positions)
@@ -189,24 +189,26 @@ class Scene:
         )
 
     def keep_in_view(self, what: str, positions: ArrayLike) -> None:
-        """Have positions (N, 3) in F seen; others of that name no longer have to be."""
+        """Have positions (N, 3) in F seen; others with the name `what` no longer have to
+        be.
+        """
         p = np.asarray(positions, float)
         self._around.pop(what, None)
         if p.size:
             self._around[what] = p[[*p.argmin(axis=0), *p.argmax(axis=0)]]
 
     def camera(self, preset: str = "iso") -> None:
-        """View from "iso" (also "fit", "home"), "front", "side" or "top"."""
+        """View from a `preset`: "iso" (also "fit", "home"), "front", "side" or "top"."""
         self._environment.camera(preset)
 
     @property
     def size(self) -> float:
-        """Size of the mechanism."""
+        """Size of the mechanism, a length."""
         return self._environment.size
 
     def bounds(self, result: PostureStiffness) -> Array:
-        """Lowest and highest corner (2, 3), in the viewer's units,
-        of what has to be seen.
+        """Lowest and highest corner (2, 3), in the viewer's units, of what has to be seen
+        with a `result`.
         """
         posture = result.posture
         around = _RADIUS * self._environment.size * np.array([[-1.0] * 3, [1.0] * 3])
@@ -221,8 +223,8 @@ class Scene:
         return self._environment.seen(np.array([every.min(axis=0), every.max(axis=0)]))
 
     def assets(self, result: PostureStiffness, look: Appearance) -> dict[str, Any]:
-        """Send every part that another posture, load or quantity needs,
-        and what places them.
+        """Send every part that another posture, load or quantity than that of a `result`
+        needs, with the parts of `look`, and what places them.
 
         A viewer that has this moves the picture itself. Lengths are in the mechanism's
         unit.

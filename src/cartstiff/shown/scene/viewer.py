@@ -191,7 +191,13 @@ class RecordingWindow:
         self.record(command.lower())
 
     def record(self, data: dict[str, Any]) -> None:
-        """`send` of a command that is plain already."""
+        """`send` of a command that is plain already.
+
+        Raises
+        ------
+        InputError
+            For `data` of a command that draws nothing.
+        """
         kind = data["type"]
         if kind not in _KINDS:
             raise InputError(

@@ -343,7 +343,9 @@ class Identification(LabelledResult):
 
     @cached_property
     def left_out(self) -> Array:
-        """Leave-one-posture-out residuals (m,); NaN for indispensable postures."""
+        """Leave-one-posture-out residuals (m,), in the units of the measured numbers; NaN
+        for indispensable postures.
+        """
         fit = self.chosen
         per = fit.root / fit.deviation
         r = fit.residual * per
@@ -374,13 +376,13 @@ class Identification(LabelledResult):
 
     @property
     def degrees(self) -> float:
-        """Degrees of freedom of the intervals."""
+        """Number of degrees of freedom of the intervals."""
         fit = self.chosen
         return fit.degrees if self.inflation == 1.0 else min(fit.degrees, fit.freedom)
 
     @property
     def factor(self) -> float:
-        """Half width of an interval over the standard deviation."""
+        """Half width of an interval over the standard deviation, a factor."""
         return quantile(self.level, self.degrees)
 
     @cached_property
@@ -399,7 +401,9 @@ class Identification(LabelledResult):
 
     @property
     def placed(self) -> dict[str, float]:
-        """Zeros and offsets that fit the rows, also those that these do not separate."""
+        """Zeros and offsets that fit the rows, in the mechanism's units, also those that
+        these do not separate.
+        """
         steps, found = geometry_of(self.model, self.chosen), self.measured.found
         return {name: found.get(name, 0.0) + x for name, (x, _) in steps.items()}
 

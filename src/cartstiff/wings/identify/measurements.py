@@ -68,7 +68,8 @@ class Measurements:
     axes : {"body", "base", "world"}
         Axes of the wrench.
     values, deviations : mapping of str to ndarray (N,)
-        Measured numbers and their standard deviations, by column; NaN where missing.
+        Measured numbers and their standard deviations, by column, in the mechanism's
+        units; NaN where missing.
     direction : ndarray (N, 3)
         Direction of the dial gauge, unit vectors in base axes; NaN without one.
     session : tuple of str
@@ -82,7 +83,8 @@ class Measurements:
     unused : tuple of str
         Columns of the table that other commands wrote and that are not used.
     found : mapping of str to float
-        Zeros and offsets, such as "tool.x", that the rows have been corrected by.
+        Zeros and offsets in the mechanism's units, such as "tool.x", that the rows have
+        been corrected by.
     """
 
     q: Array
@@ -122,7 +124,7 @@ class Measurements:
         return replace(self.chosen(np.array(at, np.intp)), rows=np.arange(1, len(at) + 1))
 
     def chosen(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Measurements:
-        """Some of the rows."""
+        """Some of the rows: `keep` says whether each is one (N,), or lists indices."""
         arrays = ("q", "wrench", "mass", "mass0", "direction", "time", "rows")
         chosen: dict[str, Any] = {name: getattr(self, name)[keep] for name in arrays}
         for name in ("values", "deviations"):
@@ -137,7 +139,7 @@ class Measurements:
 
     @cached_property
     def settings(self) -> NDArray[np.intp]:
-        """Number of each row's posture and load; repeats have equal numbers."""
+        """Number (N,) of each row's posture and load; repeats have equal numbers."""
         sessions = {name: float(i) for i, name in enumerate(dict.fromkeys(self.session))}
         of_session = np.array(
             [sessions[name] for name in self.session] or [0.0] * len(self.q)

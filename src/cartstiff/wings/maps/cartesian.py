@@ -45,8 +45,8 @@ _SEARCH_LOCK = Lock()
 
 
 class CartesianGrid(Sampling):
-    """Positions of the body frame's origin in F, at one orientation,
-    by inverse kinematics.
+    """Positions of the body frame's origin in F, at one orientation, by inverse
+    kinematics.
 
     The last dimension numbers the branches found at a place, nearest to the base posture
     first. Places that no start reaches have no posture.
@@ -75,6 +75,11 @@ class CartesianGrid(Sampling):
         Choice among the postures of a self-motion: each start's solution moves along it
         to the local minimum of the distance from the base posture, or to the local
         optimum of the map's first quantity.
+
+    Raises
+    ------
+    InputError
+        For other axes, words or numbers than these.
     """
 
     stores_q = True
@@ -133,8 +138,8 @@ class CartesianGrid(Sampling):
         self._quick: tuple[ElasticMechanism, JointPoses | None] | None = None
 
     def starts(self, elastic: ElasticMechanism) -> Array:
-        """Return the starts of the inverse kinematics (1 + starts, n),
-        the base posture first.
+        """Return the coordinates (1 + starts, n) from which the inverse kinematics
+        starts, the base posture first.
         """
         if self._starts is None:
             random = []
@@ -171,10 +176,12 @@ class CartesianGrid(Sampling):
         elastic: ElasticMechanism,
         cost: Callable[[Array], Array] | None = None,
     ) -> tuple[Array, Array]:
-        """The postures of a box (cells * branches, n) and their number at each place.
+        """The coordinates of a box (cells * branches, n) and their number at each place
+        (cells,).
 
         Rows without a posture are NaN. The postures do not depend on how many places are
-        solved at once. `cost` is minimised along self-motions for "best".
+        solved at once. `cost`, of (k, n) coordinates to (k,) numbers of any unit, is
+        minimised along self-motions for "best".
         """
         values = [axis.values for axis in self.axes.values()]
         places = np.stack(
@@ -219,7 +226,13 @@ class CartesianGrid(Sampling):
     def postures(
         self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None
     ) -> Array:
-        """Coordinates (m, n) of a box; NaN rows where there is no such branch."""
+        """Coordinates (m, n) of a box; NaN rows where there is no such branch.
+
+        Raises
+        ------
+        InputError
+            Without the mechanism.
+        """
         if elastic is None:
             raise InputError("a Cartesian grid has no postures without its mechanism")
         return self.solve(box, elastic)[0]

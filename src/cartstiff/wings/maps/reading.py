@@ -198,7 +198,8 @@ def best(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Datas
 
 
 def slice_map(dataset: xarray.Dataset, **at: float) -> xarray.Dataset:
-    """Return the part of a map at the values of its axes nearest to the given ones.
+    """Return the part of a map, `dataset`, at the values of its axes nearest to the given
+    ones, in the units of the axes.
 
     Raises
     ------

@@ -40,7 +40,20 @@ _MAX_AXIS_VALUES = 10**7
 
 @dataclass(frozen=True)
 class Axis:
-    """Equally spaced values."""
+    """Equally spaced values.
+
+    Attributes
+    ----------
+    low, high : float
+        First and last value, in the unit of the coordinate.
+    count : int
+        Number of values.
+
+    Raises
+    ------
+    InputError
+        For ends that are not finite, or an axis that does not rise.
+    """
 
     low: float
     high: float
@@ -161,6 +174,11 @@ class Grid(Sampling):
         Names of all coordinates.
     base : array_like (n,)
         Values of the other coordinates.
+
+    Raises
+    ------
+    InputError
+        For unknown names or no axis.
     """
 
     @checked
@@ -185,7 +203,7 @@ class Grid(Sampling):
 
     @cached_property
     def values(self) -> list[Array]:
-        """Values of each axis."""
+        """Values (k,) of each axis, in the units of the coordinates."""
         return [axis.values for axis in self.axes.values()]
 
     def postures(
@@ -223,6 +241,11 @@ class RandomPostures(Sampling):
         Number of postures, and seed of the random numbers.
     lower, upper : array_like (n,)
         Limits; a coordinate with equal limits is constant.
+
+    Raises
+    ------
+    InputError
+        For no postures, or limits that do not rise.
     """
 
     stores_q = True
@@ -329,6 +352,11 @@ class Trajectory(Sampling):
         Coordinates.
     time : array_like (N,), optional
         Times; the map keeps them as a coordinate.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes or numbers that are not finite.
     """
 
     stores_q = True
@@ -342,10 +370,10 @@ class Trajectory(Sampling):
     def from_table(
         cls, columns: Mapping[str, ArrayLike], elastic: ElasticMechanism, base: ArrayLike
     ) -> Trajectory:
-        """Make a trajectory of columns by coordinate name,
-        with an optional column ``time``.
+        """Make a trajectory of columns (N,) by coordinate name, with an optional column
+        ``time``.
 
-        Coordinates without a column have the values of `base`.
+        Coordinates without a column have the values of `base` (n,).
 
         Raises
         ------

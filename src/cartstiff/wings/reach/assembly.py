@@ -320,7 +320,7 @@ class AssemblyModes(LabelledResult):
 
     @property
     def poses(self) -> Array:
-        """``T_F_M`` (k, 4, 4) of all modes."""
+        """Poses ``T_F_M`` (k, 4, 4) of all modes."""
         return np.array([mode.pose for mode in self.modes]).reshape(-1, 4, 4)
 
     @property

@@ -1219,8 +1219,8 @@ def singular_note(margins: Margins, pose: Array) -> Note | None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Workspace(LabelledResult):
-    """Workspace of a platform or a body on legs: positions at one orientation,
-    and rotations.
+    """Workspace of a platform or a body on legs: positions at one orientation, and
+    rotations.
 
     Attributes
     ----------
@@ -1242,7 +1242,7 @@ class Workspace(LabelledResult):
         Poses where the determinant of six legs changes its sign, and distance of the
         nearest one.
     margin : float
-        Least margin at the centre, negative if it is outside.
+        Least margin at the centre, in the unit of its limit; negative if it is outside.
     distribution : dict
         Name of the "distribution" of tensions and those "at_centre" (m,); empty if no
         tensions are limited.
@@ -1319,14 +1319,16 @@ class Workspace(LabelledResult):
 
     @property
     def boundary(self) -> Array:
-        """Values (k, 3) of the axes on the boundary, just within the limits."""
+        """Values (k, 3) of the axes, in their units, on the boundary, just within the
+        limits.
+        """
         if self.positions is None:
             return np.empty((0, 3))
         return self.positions.offsets * self.scales + self.centre
 
     @property
     def centre(self) -> Array:
-        """Values (3,) of the axes where the rays start."""
+        """Values (3,) of the axes, in their units, where the rays start."""
         every = np.append(self.pose[:3, 3], se3.roll_pitch_yaw(self.pose))
         return np.asarray(every[[COORDINATES.index(name) for name in self.axes]])
 

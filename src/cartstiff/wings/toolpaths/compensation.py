@@ -70,7 +70,7 @@ class CompensatedPath(LabelledResult):
     springs : tuple of str
         Names of what is commanded: joints, without those within compliant links, or legs.
     commands : ndarray (m, k)
-        Rest positions to command, in the order of `springs`.
+        Rest positions to command, in the order of `springs`, in units of each.
     naive : ndarray (m, k)
         Rest positions without compensation, of the program before: those that balance the
         weight alone at the posture, or against "all" those at which the springs carry
@@ -84,7 +84,8 @@ class CompensatedPath(LabelledResult):
         Error of the loaded end-effector, rotation vector and translation in axes of F,
         with the naive and with the compensated commands; NaN if no equilibrium was found.
     deviation : ndarray (m, 6) or None
-        Standard deviation of `after` by measured springs; None without such.
+        Standard deviation of `after` in its units, by measured springs; None without
+        such.
     stable : tuple of bool or None
         Whether the compensated equilibrium is stable.
     weighed : GravityLoads
@@ -114,7 +115,7 @@ class CompensatedPath(LabelledResult):
 
     @property
     def offsets(self) -> Array:
-        """Change of the command by the compensation, (m, k)."""
+        """Change of the command by the compensation (m, k), in units of `commands`."""
         return self.commands - self.naive
 
     def summary(self) -> dict[str, dict[str, float]]:

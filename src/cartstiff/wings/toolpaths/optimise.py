@@ -950,7 +950,7 @@ class OptimisedPath(LabelledResult):
 
     @property
     def worst(self) -> float:
-        """The worst value along the path."""
+        """The worst value along the path, in the criterion's unit."""
         return self._worst(self.values)
 
     def _worst(self, values: Array) -> float:
@@ -958,7 +958,7 @@ class OptimisedPath(LabelledResult):
 
     @property
     def steps(self) -> Array:
-        """Change of the coordinates from each point to the next (m - 1, n)."""
+        """Change of the coordinates from each point to the next, (m - 1, n)."""
         return np.diff(self.q, axis=0)
 
     @property
@@ -1360,7 +1360,8 @@ def optimise_path(
     refine : bool
         Refine the free choices continuously from the best samples.
     damping
-        For the criteria ``damping_1`` ..., as in `compute_map`.
+        For the criteria ``damping_1`` ..., a share of critical damping, as in
+        `compute_map`.
     ranges : mapping of str to (low, high), optional
         Ranges of joints besides their limits; of "effort_margin", the least share of its
         limit that the force of a drive leaves under weight and the path's wrench; of

@@ -80,8 +80,8 @@ class ToolPath:
         directions: ArrayLike | None = None,
         axes: Axes | None = None,
     ) -> ToolPath:
-        """Make a path of positions (m, 3) and directions of the tool's axis (m, 3)
-        or (3,), in F.
+        """Make a path of positions (m, 3) and directions of the tool's axis, `tool_axes`
+        (m, 3) or (3,), in F.
 
         The first pose is turned from F by the smallest angle that aligns the axis, and
         each later pose from the previous one. `axes` are those of wrenches and
@@ -132,7 +132,13 @@ class ToolPath:
         return len(self.poses)
 
     def moved(self, T_F_P: ArrayLike) -> ToolPath:
-        """The path of a workpiece placed at ``T_F_P``; world axes stay world axes."""
+        """The path of a workpiece placed at ``T_F_P``; world axes stay world axes.
+
+        Raises
+        ------
+        InputError
+            If ``T_F_P`` is no pose.
+        """
         return replace(self, poses=checked_pose(T_F_P, "T_F_P") @ self.poses)
 
     @property
@@ -141,7 +147,9 @@ class ToolPath:
         return self.axes == "body"
 
     def wrench(self, point: int) -> Array | None:
-        """The wrench at a point, components in F, or in M if it turns with the body."""
+        """The wrench (6,) at a point, components in F, or in M where it turns with the
+        body.
+        """
         return self._at(self.wrenches, point)
 
     def wrenches_in_body(
@@ -157,8 +165,8 @@ class ToolPath:
         )
 
     def direction(self, point: int) -> Array | None:
-        """Return the direction at a point, components in F,
-        or in M if it turns with the body.
+        """Return the direction (3,) at a point, components in F, or in M if it turns with
+        the body.
         """
         return self._at(self.directions, point)
 
