@@ -32,21 +32,16 @@ HOMES = {
     "core.stiffness": "motions reduction",
     "core.stiffness.motions": "Problem _inverse motions_motions=motions",
     "files": """
-        bare catalogue joints loading_tables=tables mesh_worker meshes passes readers
-        urdf xacro_worker yaml_file
+        bare joints loading_tables=tables mesh_worker meshes passes readers urdf
+        xacro_worker yaml_file
     """,
     "files.assembly": "Assembly Part",
     "files.catalogue": "example_robot example_robots",
     "files.child_process": "answer_of",
     "files.description": "Lifted Obstacle",
-    "files.frames": "default_frame",
-    "files.identity": "_PARTS identity_of",
     "files.joints": "cut",
-    "files.leg_schema": "ParallelFile",
-    "files.mesh_worker": "corner_normals",
     "files.meshes": "read_meshes",
     "files.mjcf": "reading worker",
-    "files.platform_schema": "PlatformFile",
     "files.schema": "ClosedChainFile SerialFile",
     "files.struts.mounted_struts": "MountedStruts",
     "files.tables": "head_of read_rows",
@@ -87,33 +82,21 @@ HOMES = {
     "shown.cli.options": "Pairs Point Setup Values declared options_Number=Number",
     "shown.cli.tables": "read_path_file",
     "shown.cli.view": "Shown",
-    "shown.page": "export messages server source",
-    "shown.page.api": "Page StaticPage",
+    "shown.page": "messages server source",
     "shown.page.browser_program": "BrowserProgram browser_program",
     "shown.page.export": "client_data export_page numbered",
     "shown.page.files": "page_script page_style",
     "shown.page.following": "Follower",
     "shown.page.html_report": "report_page",
-    "shown.page.messages": """
-        Better Draw Frame LARGEST_MESSAGE Message Numbers Response ViewState
-        read_message
-    """,
-    "shown.page.picture": "PageScene",
+    "shown.page.messages": "ViewState read_message",
     "shown.page.report_drawing": "exaggerated",
     "shown.page.server": "Background",
     "shown.page.session": "Session",
-    "shown.page.shown": """
-        describe_mechanism moved_part reference_frame series_row shown_numbers
-        slider_ranges swept_range
-    """,
+    "shown.page.shown": "moved_part series_row shown_numbers",
     "shown.page.source": "Cloud Playback Source cloud_of_workspace read_cloud read_trajectory",
     "shown.report.analysis": "describe describe_equilibrium summary_text",
     "shown.report.answer": "answer_text",
-    "shown.report.frames": "describe_frames frames_of",
     "shown.report.layout": "percent",
-    "shown.report.maps": "map_section",
-    "shown.report.output": "save_figure",
-    "shown.report.reach": "boundary_csv",
     "shown.report.sentences": "SENTENCES TITLES VERDICTS answer_sentences direction_words words_of",
     "shown.scene": "objects theme",
     "shown.scene.environment": "scene_units",
@@ -131,14 +114,12 @@ HOMES = {
     "wings.identify.measurements": "table_text",
     "wings.identify.models": "model_of",
     "wings.identify.plan": "information plan_plan=plan",
-    "wings.identify.written_file": "_put_joints _yaml keys_to_write mechanism_file",
+    "wings.identify.written_file": "_put_joints keys_to_write mechanism_file",
     "wings.maps": "cartesian described sampling store",
     "wings.maps.designs.run": "Design Designs StudyEvaluator",
     "wings.maps.designs.study": "Case Study read_study",
     "wings.maps.job": "MapJob STATES",
-    "wings.maps.pictures": "histogram",
     "wings.maps.run": "map_job packed part_elsewhere planned prepare_map run_map",
-    "wings.maps.sampling": "chunk_shape usual_chunk",
     "wings.maps.store": "CHECKSUM MapFile",
     "wings.reach": "assembly platform_assembly",
     "wings.reach.answer": "answer_of_workspace",
@@ -148,7 +129,7 @@ HOMES = {
     "wings.toolpaths.answer": "answer_of_compensation answer_of_curve answer_of_path",
     "wings.toolpaths.better": "LoadedPostures better_posture",
     "wings.toolpaths.better_answer": "better_statements",
-    "wings.toolpaths.optimise": "Steps best_way criteria",
+    "wings.toolpaths.optimise": "Steps best_way",
 }
 _HOME = {
     word.partition("=")[0]: (module, word.rpartition("=")[2])

@@ -43,8 +43,8 @@ ALWAYS = (
     "tests/mechanisms/test_workspace.py::test_the_least_ratio_is_that_of_the_whole_workspace",
     "tests/packaging/test_wheel.py::test_installed_wheel_analyses_the_platform_from_elsewhere",
     "tests/view/test_better_posture.py::test_what_gets_worse_is_said",
-    "tests/view/test_browser_program.py::test_a_page_without_a_server_says_what_the_library_says[ur5]",
-    "tests/view/test_browser_program.py::test_a_page_without_a_server_says_what_the_library_says[delta]",
+    "tests/rooms/page/test_browser_program.py::test_a_page_without_a_server_says_what_the_library_says[ur5]",
+    "tests/rooms/page/test_browser_program.py::test_a_page_without_a_server_says_what_the_library_says[delta]",
     "tests/view/test_report.py::test_the_answer_is_that_of_the_commands",
 )
 

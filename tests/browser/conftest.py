@@ -12,6 +12,7 @@ import pytest
 from tools.screenshot import launch, ready, settled
 
 import cartstiff
+from tests.support.pages import served, short_curves, source_of
 
 #: Of most tests: software draws few pictures a second, and fewer of larger ones.
 VIEWPORT = {"width": 1100, "height": 560}
@@ -264,18 +265,8 @@ def short(source: Any) -> Any:
 @pytest.fixture(scope="package", autouse=True)
 def _short_curves() -> Iterator[None]:
     """The page's own questions for curves are those for 61 postures."""
-    from tests.inner import Session
-
-    sweep = Session._sweep
-
-    def swept(self: Session, message: Any) -> Any:
-        if message.steps == 61 and any(self.source is one for one in _SHORT):
-            message = message.model_copy(update={"steps": 7})
-        return sweep(self, message)
-
-    Session._sweep = swept
-    yield
-    Session._sweep = sweep
+    with short_curves(lambda source: any(source is one for one in _SHORT)):
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -284,16 +275,14 @@ def serve() -> Iterator[Callable[..., Any]]:
 
     Its curves are `short`, unless a test looks at them.
     """
-    from tests.inner import Background, Source
+    running: dict[str, Any] = {}
 
-    running: dict[str, Background] = {}
-
-    def start(name: str, *, curves: bool = False, **options: Any) -> Background:
+    def start(name: str, *, curves: bool = False, **options: Any) -> Any:
         key = f"{name} {curves} {sorted((k, str(v)) for k, v in options.items())}"
         if key not in running:
             elastic = cartstiff.load(name)
-            source = Source(elastic, **options)
-            running[key] = Background(source if curves else short(source))
+            source = source_of(elastic, **options)
+            running[key] = served(source if curves else short(source))
         return running[key]
 
     yield start

@@ -8,7 +8,7 @@ from tools.screenshot import ready, settled
 
 import cartstiff
 from tests.browser.test_page_state import TOOL, changed
-from tests.inner import COLOURS
+from tests.support.pages import colour as page_colour
 from tests.support.pages import motion_shown, state_of
 
 
@@ -281,7 +281,7 @@ def test_ends_of_ranges_are_rings_while_the_tool_is_held(serve, pages):
     way = R @ result.jacobian[3:, 2]
     assert np.abs(turn @ axis) == pytest.approx(1, abs=1e-6)
     assert np.allclose(np.cross(turn, p - place), way, atol=1e-6)
-    assert colour == COLOURS["negative"]
+    assert colour == page_colour("negative")
     page.mouse.up()
     settled(page)
     assert page.evaluate(ENDS) == []

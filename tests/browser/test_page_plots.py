@@ -9,7 +9,6 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from tests.inner import swept_range
 from tests.support.pages import page_text, row_shown, source_of, state_of
 
 LOAD = (1.0, 2.0, -3.0, 40.0, 20.0, -90.0)
@@ -299,14 +298,3 @@ def test_where_another_drive_has_to_move_is_a_gap_that_says_so(serve, pages, tmp
     reasons = [row[-1] for row in rows if row[-1] and not row[0].startswith("#")][1:]
     assert any("leg" in reason for reason in reasons)
     assert page.locator("#strip .plot .gap").count() >= len(reasons) > 0
-
-
-def test_a_sweep_of_an_angle_is_one_turn_at_most():
-    for ends, expected in (
-        ((-2 * np.pi, 2 * np.pi), (-np.pi, np.pi)),
-        ((-1.0, 2.0), (-1.0, 2.0)),
-        ((0.0, 4 * np.pi), (0.0, 2 * np.pi)),
-        ((-5 * np.pi, -np.pi), (-3 * np.pi, -np.pi)),
-    ):
-        assert swept_range(*ends, is_length=False) == pytest.approx(expected)
-    assert swept_range(-9.0, 9.0, is_length=True) == (-9.0, 9.0)

@@ -11,8 +11,7 @@ from tools.screenshot import settled
 import cartstiff
 from cartstiff.maps import Axis, Grid, compute_map
 from tests.browser.conftest import short, unfold
-from tests.inner import Setup, Shown
-from tests.support.pages import page_text, served
+from tests.support.pages import page_text, served, stated
 
 # What the banner says, from the first moment on; what the page puts off comes ten times sooner.
 BANNERS = """
@@ -105,7 +104,7 @@ def test_a_way_in_shows_no_banner_and_no_error(way, kind, files, pages, tmp_path
     monkeypatch.chdir(files)
     if isinstance(path := shown.get("trajectory"), str):
         shown = {"trajectory": Path(path)}
-    source = short(Shown(**shown).source(Setup(name)))
+    source = short(stated(name, shown))
     server = None
     if kind == "live":
         server = served(source)

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from ruamel.yaml import YAML
 from tests.doors import read_yaml
+from tests.identify.campaigns import random_campaign, table_of
 from tests.inner import SerialFile, bare
+from tests.support.commands import run
 from tests.support.robots import bundled_files
 
 import cartstiff
@@ -185,14 +188,30 @@ def test_a_link_with_two_parents_names_the_way_out():
         cartstiff.load(urdf)
 
 
-def test_springs_that_were_found_replace_those_by_name(tmp_path):
-    from tests.inner import _put_joints
-
-    elastic = cartstiff.load(arm(tmp_path, springs=SET)).with_springs({"j3": 7.0})
-    holder = {"springs": SET}
-    _put_joints(holder, elastic, "")
-    found = [holder["springs"][f"j{i}"]["stiffness"] for i in range(1, 7)]
-    np.testing.assert_allclose(found, [*PUBLISHED[:2], 7.0, *PUBLISHED[3:]], rtol=1e-12)
+@pytest.mark.parametrize(
+    "texts", [("1e5", "yes", "0x10"), ("1:30", "é", "3."), ("~", "a - b: c", "null")]
+)
+def test_a_file_with_springs_that_were_found_is_the_same_file_otherwise(tmp_path, texts):
+    """What `identify -o` writes, also as an independent reader of YAML 1.2 has it."""
+    name, joint, source = texts
+    rows = [row | {"name": f"j{i}"} for i, row in enumerate(ROWS, start=1)]
+    rows[5] |= {"name": joint, "limits": [-1e16, 3]}
+    posture = {**dict(list(POSTURE.items())[:5]), joint: 1e-5}
+    dh = {"convention": "standard", "joints": rows}
+    path, found = tmp_path / "file.yaml", tmp_path / "found.yaml"
+    data = {"kind": "serial", "name": name, "source": source, "dh": dh, "q": posture}
+    path.write_text(json.dumps(data | {"springs": SET}))
+    truth = [*PUBLISHED[:2], 2e6, *PUBLISHED[3:]]
+    q, W, d = random_campaign(cartstiff.load(path), truth, 6, 1, sd=1e-9, force=2e3)
+    table = table_of(tmp_path / "m.csv", q, W, d)
+    table.write_text(table.read_text().replace("j6", joint, 1))
+    run("identify", path, table, "--unknown j3 --axes base -o", found)
+    written, _ = read_yaml(found)
+    assert YAML(typ="safe", pure=True).load(found.read_text("utf-8")) == written
+    springs = [written["springs"][one]["stiffness"] for one in posture]
+    assert springs[2] == pytest.approx(2e6, rel=1e-3)
+    assert springs[:2] + springs[3:] == pytest.approx(PUBLISHED[:2] + PUBLISHED[3:], rel=1e-12)
+    assert {key: written[key] for key in data} == data
 
 
 # -- files that need no model ----------------------------------------------------------------------

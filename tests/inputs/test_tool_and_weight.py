@@ -5,9 +5,8 @@ import re
 
 import numpy as np
 import pytest
-from tests.inner import describe_frames, frames_of
 from tests.support.commands import answer, run
-from tests.support.pages import tab_of
+from tests.support.pages import stated, tab_of
 
 import cartstiff
 from cartstiff import InputError
@@ -174,12 +173,10 @@ def test_every_command_takes_them(arm, tmp_path):
 
 
 def test_pages_start_with_the_load_that_was_stated(arm):
-    from tests.inner import Setup, Shown
 
     tool = {"tcp": list(TCP), "payload": [2.0]}
     load = {"load": [0, 0, 0, 0, 0, -100], "load_at": [0, 0, 0.05], "world": True}
-    setup = Setup(str(arm), **tool, **load, load_kind="follower")
-    source = Shown().source(setup)
+    source = stated(str(arm), **tool, **load, load_kind="follower")
     state = tab_of(source).start
     assert (state.load_axes, state.load_kind) == ("world", "follower")
     assert state.load_at == (0, 0, 0.05)
@@ -210,7 +207,7 @@ def test_what_cannot_be_meant(arm, given, words):
 def test_frames_of_legs_are_named():
     """A tool moves M, and with it the numbers of the heads; the feet stay in F."""
     hexapod = cartstiff.load("hexapod", tcp=[0, 0, 0.1])
-    text = describe_frames(frames_of(hexapod))
+    text = run("frames hexapod --tcp 0,0,0.1")
     head, first = re.search(r"(Legs.*)\n  leg1: \(.*?\) to \((.*?)\)", text).groups()
     assert head == "Legs, from feet in F to heads in M"
     assert [float(x) for x in first.split(",")] == pytest.approx(

@@ -402,13 +402,10 @@ def test_a_hand_alone_is_all_fingers(accepted):
         ("baxter", "left_gripper"),
     ],
 )
-def test_default_frame_of_example_robots(name, frame, tmp_path):
-    from tests.doors import read_robot_description
-    from tests.inner import default_frame
-
+def test_default_frame_of_example_robots(name, frame):
     path = example_robots()[name]
     assert path is not None
-    assert default_frame(read_robot_description(path))[0] == frame
+    assert cartstiff.load(path).mechanism.frame == frame
 
 
 def test_limits_that_look_like_degrees_are_named(tmp_path):

@@ -5,11 +5,12 @@ from operator import attrgetter
 
 import numpy as np
 import pytest
-from tests.inner import ParallelFile, PlatformFile, map_job
 from tests.surface import names
 
 import cartstiff
 from cartstiff import InputError
+from cartstiff.core.errors import UnknownArgumentError
+from cartstiff.extend import file_schema
 
 PLATFORM = cartstiff.load("stewart-gough")
 AXES = {"x": (0.0, 1.0, 2)}
@@ -151,12 +152,21 @@ def test_keywords_that_are_passed_on_are_listed_for_type_checkers():
     assert unlisted == ["maps.slice_map"]
 
 
+SECTIONS = file_schema()["$defs"]
+
+
+def _keywords_of_maps():
+    with pytest.raises(UnknownArgumentError) as refusal:
+        cartstiff.maps.map_of(PLATFORM, GRID, ["condition"], typo=1)
+    return refusal.value.valid
+
+
 @pytest.mark.parametrize(
     ("function", "takes"),
     [
-        (cartstiff.maps.map_of, {*inspect.signature(map_job).parameters, "chunk", "command"}),
-        (cartstiff.hexapod, {*PlatformFile.model_fields}),
-        (cartstiff.parallel, {*ParallelFile.model_fields}),
+        (cartstiff.maps.map_of, {*_keywords_of_maps(), "chunk", "command"}),
+        (cartstiff.hexapod, {*SECTIONS["PlatformFile"]["properties"]}),
+        (cartstiff.parallel, {*SECTIONS["ParallelFile"]["properties"]}),
     ],
 )
 def test_the_list_has_what_the_function_passes_on(function, takes):

@@ -4,7 +4,6 @@ import pytest
 from ruamel.yaml import YAML
 from tests.docs.blocks import ROOT
 from tests.doors import read_yaml
-from tests.inner import _yaml
 
 from cartstiff import InputError
 
@@ -40,19 +39,6 @@ def test_words_of_yaml_1_1_are_text(tmp_path):
     assert data == expected
     assert data["a"][:4] == ["yes", "no", "on", "1:30"]
     assert lines["m",] == 6
-
-
-def test_what_is_written_comes_back(tmp_path):
-    path = tmp_path / "written.yaml"
-    data = {
-        "name": "1e5",
-        "texts": ["yes", "0x10", "1:30", "é", "a - b: c", "3.", "~", ""],
-        "numbers": [1e-5, 1e16, -0.25, 3, float("inf")],
-        "nested": {"rows": [[1.0, 2.0], [3.0, 4.5e-300]], "is": True, "none": None},
-    }
-    path.write_bytes(_yaml(data))
-    assert read_yaml(path)[0] == data
-    assert other(path.read_text(encoding="utf-8")) == data
 
 
 @pytest.mark.parametrize(

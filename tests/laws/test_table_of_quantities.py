@@ -1,7 +1,7 @@
 """Every quantity of the table, by each way to it: one value, and one verdict on its existence.
 
 The ways: the analysis of one posture, stacks of many postures, and recorded numbers; what the page
-computes in JavaScript is held to the same table in tests/view/test_browser_program.py. An entry of
+computes in JavaScript is held to the same table in tests/rooms/page. An entry of
 the table without a way to it here fails the first test.
 """
 

@@ -10,8 +10,8 @@ import time
 
 import numpy as np
 import pytest
-from tests.inner import CHECKSUM, packed, part_elsewhere, prepare_map
 from tests.maps.machines import arm, drawn, marks, start, start_held_map, start_map
+from tests.support.maps import BegunMap
 
 import cartstiff
 from cartstiff import InputError, JointFunction
@@ -139,11 +139,11 @@ def test_what_cannot_be_sent(tmp_path):
 
     energy.version = "1"  # what a lock holds cannot be compared
     elastic = arm().with_potential(JointFunction(energy=energy))
-    job, _ = prepare_map(elastic, _few(elastic), ["condition"], tmp_path / "m.zarr")
+    begun = BegunMap(elastic, _few(elastic), ["condition"], tmp_path / "m.zarr")
     with pytest.raises(
         InputError, match="cannot be sent to other processes; expected functions without"
     ):
-        packed(job)
+        begun.sent()
 
 
 def test_processes_are_those_of_a_scheduler(tmp_path):
@@ -164,15 +164,14 @@ def test_a_scheduler_that_does_not_answer(tmp_path):
 
 def test_a_worker_that_does_not_see_the_folder(tmp_path):
     elastic = arm()
-    job, file = prepare_map(elastic, _few(elastic), ["condition"], tmp_path / "m.zarr")
-    data = packed(job)
-    for path, identity in ((tmp_path / "none.zarr", ""), (file.address, "of another map")):
+    file = tmp_path / "m.zarr"
+    begun = BegunMap(elastic, _few(elastic), ["condition"], file)
+    for path, identity in ((tmp_path / "none.zarr", ""), (file, "of another map")):
         with pytest.raises(InputError, match=r"does not see the map's folder"):
-            part_elsewhere(data, (), str(path), identity, 0)
-    mine = data, (), str(file.address), file.attributes[CHECKSUM], 0
-    assert part_elsewhere(*mine) == 0
-    before = marks(file.address)
+            begun.in_worker(at=path, identity=identity)
+    assert begun.in_worker() == 0
+    before = marks(file)
     assert list(before) == ["0"]
     # A worker that died has done it before it could say so.
-    assert part_elsewhere(*mine) == 0
-    assert marks(file.address) == before
+    assert begun.in_worker() == 0
+    assert marks(file) == before

@@ -7,13 +7,13 @@ import random
 import shutil
 
 import pytest
-from tests.inner import MapFile, store
+from tests.support.maps import small_pieces, summary_of_file
 from tests.support.pages import clouds_in
 from tools.fuzz_maps import crafted_map, resealed, whole_map
 
 import cartstiff
 from cartstiff import InputError
-from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, draw_map, open_map, summary
+from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, draw_map, open_map
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -67,7 +67,7 @@ def test_a_map_that_claims_many_postures_is_not_read_whole(tmp_path, monkeypatch
         clouds_in(file, cartstiff.load("ur5"))
     with pytest.raises(InputError, match="too large for a picture of the distribution"):
         draw_map(open_map(file), "condition")
-    assert summary(MapFile.at(file))["states"]["not-computed"] > 4 * 10**10
+    assert summary_of_file(file)["states"]["not-computed"] > 4 * 10**10
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_a_map_that_claims_many_postures_is_not_read_whole(tmp_path, monkeypatch
 )
 def test_an_object_that_expands_to_gigabytes_is_refused(tmp_path, monkeypatch, key, inner):
     """The size stands in its header, and a reader allocates it before it looks further."""
-    monkeypatch.setattr(store, "INNER", inner)  # postures of a piece: two pieces in a part
+    small_pieces(monkeypatch, inner)  # postures of a piece: two pieces in a part
     elastic = cartstiff.load("ur5")
     name = elastic.names[0]
     grid = Grid({name: Axis(-0.2, 0.2, 12)}, elastic.names, elastic.q)

@@ -16,8 +16,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
-from tests.inner import MapFile
 from tests.maps.machines import arm, drawn, grid_of
+from tests.support.maps import BegunMap
 
 from cartstiff import CartstiffError, InputError
 from cartstiff.maps import Trajectory, compute_map, open_map
@@ -305,22 +305,20 @@ def test_links_and_devices(whole, tmp_path):
 
 def test_only_missing_parts_are_computed(elastic, whole, tmp_path):
     """A lost object is computed, a wrong one is left and refused by who reads it."""
-    from tests.inner import prepare_map, run_map
-
     sampling, original, expected = whole
     file = tmp_path / "m.zarr"
     shutil.copytree(original, file)
     lost, *_, wrong = _files(file / "state" / "c")
     lost.unlink()
     wrong.write_bytes(b"")
-    job, map_file = prepare_map(elastic, sampling, QUANTITIES, file, chunk=4, length=0.2)
-    assert run_map(job, map_file) == 1
-    assert run_map(job, MapFile.at(file)) == 0
+    begun = BegunMap(elastic, sampling, QUANTITIES, file, chunk=4, length=0.2)
+    assert begun.go_on() == 1
+    assert begun.go_on(anew=True) == 0
     name = wrong.relative_to(file).as_posix()
     with pytest.raises(InputError, match=f"{name} is missing, or not what .* without it, the same"):
         open_map(file).load()
     wrong.unlink()
-    assert run_map(job, MapFile.at(file)) == 1
+    assert begun.go_on(anew=True) == 1
     _require_true(open_map(file), expected)
 
 

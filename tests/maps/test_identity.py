@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 import runpy
 import shutil
 from collections import Counter
 from dataclasses import fields
 from pathlib import Path
+from uuid import uuid4
 
 import numpy as np
 import pytest
-from tests.inner import _PARTS, identity_of, part_elsewhere, prepare_map, version
+from tests.support.maps import BegunMap, older_version
 from tests.support.robots import FOLDER
 
 import cartstiff
@@ -24,7 +26,7 @@ EDITS = 20
 
 def prepared(elastic, folder, **options):
     grid = cartstiff.maps.Grid({elastic.names[0]: (0.1, 0.4, 4)}, elastic.names, elastic.q)
-    return prepare_map(elastic, grid, ["condition"], folder / "m.zarr", **options)
+    return BegunMap(elastic, grid, ["condition"], folder / "m.zarr", **options)
 
 
 def test_one_number_edits_are_never_mixed():
@@ -81,31 +83,39 @@ def test_numbers_of_another_processor_are_the_same_and_typed_ones_are_not(tmp_pa
 def test_another_version_is_refused(tmp_path, monkeypatch):
     elastic = cartstiff.load("stewart-gough")
     prepared(elastic, tmp_path)
-    monkeypatch.setattr(version, "__version__", "0.0.9")
+    older_version(monkeypatch)
     with pytest.raises(InputError, match="map of another version of cartstiff"):
         prepared(elastic, tmp_path)
 
 
-def test_a_worker_with_another_pinocchio_is_named():
-    data = pickle.dumps(cartstiff.load("stewart-gough"))
+def test_a_worker_with_another_pinocchio_is_named(tmp_path):
+    begun = prepared(cartstiff.load("stewart-gough"), tmp_path)
     with pytest.raises(InputError, match=r"another version of pin; expected 3\.0\.0"):
-        part_elsewhere(data, (("pin", "3.0.0"),), "", "", 0)
+        begun.in_worker(versions=(("pin", "3.0.0"),))
+
+
+def identity_of(elastic):
+    """What a map holds of the mechanism that it is of."""
+    grid = cartstiff.maps.Trajectory(elastic.q[None])
+    begun = BegunMap(elastic, grid, ["condition"], f"memory://{uuid4()}/m.zarr", length=1.0)
+    return json.loads(begun.file.attributes["description"])["mechanism"]
 
 
 def test_every_field_with_numbers_is_compared():
     words = {"name", "notes", "source", "files", "given", "beyond"}
-    assert {f.name for f in fields(cartstiff.ElasticMechanism)} - words == set(_PARTS)
+    known = identity_of(cartstiff.load("stewart-gough"))
+    assert {f.name for f in fields(cartstiff.ElasticMechanism)} - words == set(known)
 
 
 @pytest.mark.parametrize("name", ["ur5", "delta", "6-pus", "flexure-hexapod", "stewart-gough"])
 def test_use_does_not_change_an_identity(name):
     elastic = cartstiff.load(name)
-    before = identity_of(elastic, {})
+    before = identity_of(elastic)
     cartstiff.analyse(elastic)
     cartstiff.analyse_many(elastic, np.repeat(elastic.q[None], 3, axis=0))
-    assert identity_of(elastic, {}) == before
-    assert identity_of(pickle.loads(pickle.dumps(elastic)), {}) == before
-    assert identity_of(cartstiff.load(name), {}) == before
+    assert identity_of(elastic) == before
+    assert identity_of(pickle.loads(pickle.dumps(elastic))) == before
+    assert identity_of(cartstiff.load(name)) == before
 
 
 def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):

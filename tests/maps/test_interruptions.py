@@ -6,10 +6,9 @@ import json
 import signal
 
 import numpy as np
-from tests.inner import kernels
-from tests.maps.machines import arm, marks, start_held_map, start_map
+from tests.maps.machines import marks, start_held_map, start_map
 
-from cartstiff.maps import RandomPostures, compute_map, open_map
+from cartstiff.maps import open_map
 
 
 def test_killed_map_goes_on(tmp_path, whole):
@@ -67,22 +66,3 @@ def test_interrupted_map_is_valid_and_says_how_to_go_on(tmp_path, whole):
     resumed = open_map(file).load()
     for variable in expected.data_vars:
         np.testing.assert_array_equal(resumed[variable], expected[variable])
-
-
-def test_a_map_has_one_numerical_path(tmp_path, monkeypatch):
-    """The last part is shorter than what compiling is worth, and computed in another process."""
-    elastic = arm()
-    sampling = RandomPostures(60, 1, elastic.q - 0.5, elastic.q + 0.5)
-    monkeypatch.setattr(kernels, "WORTH_COMPILING", 60)
-    monkeypatch.setattr(kernels, "_compiled", {})
-    quantities = ["translation_free_min", "condition"]
-    whole = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()
-    assert whole.attrs["numerical_path"] == "compiled"
-    (tmp_path / "m.zarr" / "parts" / "marks" / "c" / "1" / "0").unlink()
-    monkeypatch.setattr(kernels, "_compiled", {})
-    resumed = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()
-    for name in quantities:
-        np.testing.assert_array_equal(resumed[name], whole[name])
-    few = RandomPostures(59, 1, elastic.q - 0.5, elastic.q + 0.5)
-    other = compute_map(elastic, few, quantities, tmp_path / "n.zarr")
-    assert other.attrs["numerical_path"] == "portable"

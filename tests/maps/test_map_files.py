@@ -10,9 +10,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import xarray
-from tests.inner import MapFile, chunk_shape, prepare_map, run_map, usual_chunk
 from tests.maps.machines import arm, platform, softest
 from tests.support.commands import refuses
+from tests.support.maps import BegunMap, layout_of, summary_of_file
 
 import cartstiff
 from cartstiff import InputError
@@ -293,29 +293,28 @@ def test_a_map_goes_to_netcdf(elastic, tmp_path):
 
 def test_what_is_known_of_the_parts_is_what_would_be_read(elastic, tmp_path):
     file = tmp_path / "m.zarr"
-    job, map_file = prepare_map(elastic, _grid(elastic), [QUANTITY], file, chunk=5, length=0.3)
-    map_file.write(1, job.compute(map_file.parts.box(1)))
-    assert summary(map_file) == summary(open_map(file))
-    assert run_map(job, map_file) == len(map_file.parts) - 1
-    assert summary(map_file) == summary(open_map(file))
+    begun = BegunMap(elastic, _grid(elastic), [QUANTITY], file, chunk=5, length=0.3)
+    begun.compute(1)
+    assert summary_of_file(file) == summary(open_map(file))
+    assert begun.go_on() == len(begun.file.parts) - 1
+    assert summary_of_file(file) == summary(open_map(file))
 
 
 def test_nothing_is_computed_twice(elastic, tmp_path):
     file = tmp_path / "m.zarr"
     options = {"chunk": 5, "length": 0.3}
-    job, map_file = prepare_map(elastic, _grid(elastic), [QUANTITY], file, **options)
-    for i in (0, 3):
-        map_file.write(i, job.compute(map_file.parts.box(i)))
+    begun = BegunMap(elastic, _grid(elastic), [QUANTITY], file, **options)
+    begun.compute(0, 3)
     partial = open_map(file)
     assert partial.attrs["chunks_done"] == 2
-    left = 20 - map_file.count(0) - map_file.count(3)
+    left = 20 - begun.file.count(0) - begun.file.count(3)
     assert summary(partial)["states"]["not-computed"] == left
     before = _stamps(file)
-    job, map_file = prepare_map(elastic, _grid(elastic), [QUANTITY], file, **options)
-    assert run_map(job, map_file) == len(map_file.parts) - 2
+    begun = BegunMap(elastic, _grid(elastic), [QUANTITY], file, **options)
+    assert begun.go_on() == len(begun.file.parts) - 2
     after = _stamps(file)
     assert before.items() <= after.items()  # nothing that was there has been written again
-    assert run_map(job, map_file) == 0
+    assert begun.go_on() == 0
     whole = compute_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "w.zarr", **options)
     np.testing.assert_array_equal(open_map(file)[QUANTITY], whole[QUANTITY])
 
@@ -368,20 +367,20 @@ def test_leftovers_and_strangers(elastic, tmp_path):
     with pytest.raises(InputError, match="is not a map"):
         open_map(tmp_path / "nothing.zarr")
     # What a killed process had begun to write goes, and the map is whole.
-    job, file = prepare_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "m.zarr")
-    rest = file.address / QUANTITY / "c" / "0" / "0.123.partial"
+    begun = BegunMap(elastic, _grid(elastic), [QUANTITY], tmp_path / "m.zarr")
+    rest = begun.file.address / QUANTITY / "c" / "0" / "0.123.partial"
     rest.parent.mkdir(parents=True)
     rest.write_bytes(b"half")
-    assert run_map(job, file) == 1
+    assert begun.go_on() == 1
     assert not rest.exists()
 
 
 def test_two_processes_do_not_compute_one_map(elastic, tmp_path):
-    job, file = prepare_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "m.zarr")
-    with file.locked(), pytest.raises(InputError, match="another process"):
-        run_map(job, MapFile.at(file.address))
-    assert run_map(job, file) == 1
-    assert os.path.isdir(file.address)  # noqa: PTH112
+    begun = BegunMap(elastic, _grid(elastic), [QUANTITY], tmp_path / "m.zarr")
+    with begun.file.locked(), pytest.raises(InputError, match="another process"):
+        begun.go_on(anew=True)
+    assert begun.go_on() == 1
+    assert os.path.isdir(begun.file.address)  # noqa: PTH112
 
 
 # Filters of warnings are not those of one thread alone, and Zarr warns of what it is asked for.
@@ -410,14 +409,18 @@ def test_threads_that_begin_one_map_at_once(elastic, tmp_path):
 def test_chunks_are_near_cubes_and_keep_branches_whole(elastic):
     names = elastic.names
     cube = Grid({n: Axis(0, 1, 100) for n in names[:3]}, names, elastic.q)
-    shape = chunk_shape(cube)
+
+    def shape_of(sampling):
+        return layout_of(elastic, sampling, [QUANTITY]).chunk
+
+    shape = shape_of(cube)
     assert max(shape) <= 2 * min(shape)
-    assert np.prod(shape) <= 100**3 // 128
+    assert np.prod(shape) <= 100**3 // 32
     grid = CartesianGrid({"x": Axis(0, 1, 50), "y": Axis(0, 1, 50)}, elastic, elastic.q)
-    assert chunk_shape(grid)[3] == 8
-    assert chunk_shape(RandomPostures(10**9, 0, [0.0], [1.0])) == (11 * 2**16,)
-    assert usual_chunk(10**6, 16384) == 10**6 // 32  # postures that are quickly computed
-    assert usual_chunk(1000, 16384) == 16384
+    assert shape_of(grid)[3] == 8
+    for count, expected in ((10**9, 11 * 2**16), (10**6, 10**6 // 32), (10**5, 8192), (99, 99)):
+        drawn = RandomPostures(count, 0, elastic.q - 0.1, elastic.q + 0.1)
+        assert shape_of(drawn) == (expected,)
 
 
 # -- reading ------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 from tests.doors import fingerprint
-from tests.inner import prepare_map
+from tests.support.maps import BegunMap
 from tests.support.robots import FOLDER
 
 import cartstiff
@@ -123,11 +123,11 @@ def test_a_map_of_another_constant_is_not_continued(tmp_path, monkeypatch):
     elastic = cartstiff.load("ur5")
     grid = cartstiff.maps.Grid({"elbow_joint": (0.1, 0.4, 4)}, elastic.names, elastic.q)
     monkeypatch.setitem(QUANTITIES, "mine", Quantity("mine", "mine", "1", _scaled, ("inverse",)))
-    prepare_map(elastic, grid, ["mine"], tmp_path / "m.zarr")
-    prepare_map(elastic, grid, ["mine"], tmp_path / "m.zarr")
+    BegunMap(elastic, grid, ["mine"], tmp_path / "m.zarr")
+    BegunMap(elastic, grid, ["mine"], tmp_path / "m.zarr")
     monkeypatch.setattr(f"{__name__}.GAIN", 400.0)
     with pytest.raises(InputError, match="another map: own quantities differs"):
-        prepare_map(elastic, grid, ["mine"], tmp_path / "m.zarr")
+        BegunMap(elastic, grid, ["mine"], tmp_path / "m.zarr")
 
 
 LOCK = threading.Lock()

@@ -14,9 +14,9 @@ import pytest
 import xarray
 import zarr
 import zarr.core.buffer.cpu
-from tests.inner import MapFile, MapJob, planned, prepare_map, run_map, store
 from tests.maps.machines import arm, drawn, grid_of, start
 from tests.maps.test_damage import _Killed, _killed_after
+from tests.support.maps import BegunMap, layout_of, small_pieces
 from zarr.storage import LocalStore
 
 from cartstiff import InputError
@@ -53,9 +53,9 @@ def _same(found, expected):
 def test_stores(elastic, expected, tmp_path, address):
     where = zarr.storage.MemoryStore() if address == "store" else address.format(tmp_path)
     asked = {"chunk": 6, "length": 0.2}
-    job, file = prepare_map(elastic, drawn(elastic), QUANTITIES, where, **asked)
-    assert run_map(job, file) == 4
-    assert run_map(job, MapFile.at(where)) == 0
+    begun = BegunMap(elastic, drawn(elastic), QUANTITIES, where, **asked)
+    assert begun.go_on() == 4
+    assert begun.go_on(anew=True) == 0
     for found in (_plain(where), open_map(where)):
         _same(found, expected)
     with pytest.raises(InputError, match="length differs"):
@@ -82,8 +82,8 @@ def test_an_object_store(elastic, expected, monkeypatch):
         compute_map(*asked, chunk=6, length=0.2)
         _same(_plain("s3://maps/m.zarr"), expected)
         files.rm("maps/m.zarr/condition/c/1")
-        job, file = prepare_map(*asked, chunk=6, length=0.2)
-        assert run_map(job, file) == 1
+        begun = BegunMap(*asked, chunk=6, length=0.2)
+        assert begun.go_on() == 1
         _same(open_map("s3://maps/m.zarr"), expected)
         with pytest.raises(InputError, match=r"no-such.*store cannot be used"):
             compute_map(*asked[:3], "s3://no-such/m.zarr")
@@ -126,7 +126,7 @@ def test_a_copy_in_another_store(elastic, expected, tmp_path):
 
 def test_a_full_disk_is_named_and_the_map_goes_on(elastic, expected, tmp_path, monkeypatch):
     asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
-    job, file = prepare_map(*asked, chunk=6, length=0.2)
+    begun = BegunMap(*asked, chunk=6, length=0.2)
     put, left = LocalStore.set, iter(range(8))
 
     async def limited(self, key, value):
@@ -138,8 +138,8 @@ def test_a_full_disk_is_named_and_the_map_goes_on(elastic, expected, tmp_path, m
         patch.setattr("cartstiff.wings.maps.run.cpu_count", lambda: 1)
         patch.setattr(LocalStore, "set", limited)
         with pytest.raises(InputError, match=r"written; .* same command .* No space left"):
-            run_map(job, file)
-    assert len(file.done()) == 1
+            begun.go_on()
+    assert len(begun.file.done()) == 1
     _same(compute_map(*asked, chunk=6, length=0.2), expected)
 
 
@@ -148,7 +148,9 @@ def test_large_parts_are_computed_one_at_a_time_in_pieces(elastic, expected, tmp
     monkeypatch.setattr("cartstiff.wings.maps.job._PIECE_ROWS", 2)
     monkeypatch.setattr("cartstiff.wings.maps.run.MAX_CHUNK", 11)
     monkeypatch.setattr("cartstiff.wings.maps.run.cpu_count", lambda: 4)
-    at_once, most, compute = [], [], MapJob.compute
+    small = BegunMap(elastic, drawn(elastic), QUANTITIES, tmp_path / "n.zarr")
+    job = type(small.job)
+    at_once, most, compute = [], [], job.compute
 
     def counted(self, box, mapped):
         at_once.append(box)
@@ -157,7 +159,7 @@ def test_large_parts_are_computed_one_at_a_time_in_pieces(elastic, expected, tmp
         at_once.remove(box)
         return arrays
 
-    monkeypatch.setattr(MapJob, "compute", counted)
+    monkeypatch.setattr(job, "compute", counted)
     asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
     _same(compute_map(*asked, chunk=6, length=0.2), expected)
     assert most == [1, 1, 1, 1]
@@ -194,7 +196,7 @@ def test_two_writers_at_once(elastic, expected):
     """A store has no locks: both write the same objects."""
     asked = elastic, drawn(elastic), QUANTITIES, "memory://two/m.zarr"
     options = {"chunk": 6, "length": 0.2}
-    prepare_map(*asked, **options)
+    BegunMap(*asked, **options)
     writers = [threading.Thread(target=compute_map, args=asked, kwargs=options) for _ in range(2)]
     for writer in writers:
         writer.start()
@@ -208,10 +210,10 @@ def test_two_writers_at_once(elastic, expected):
 def test_a_map_that_another_process_creates_in_the_meantime(elastic, tmp_path, monkeypatch):
     asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
     options = {"chunk": 6, "length": 0.2}
-    _, file = prepare_map(*asked, **options)
+    begun = BegunMap(*asked, **options)
     monkeypatch.setattr("cartstiff.wings.maps.run.is_there", lambda address: False)
     with (
-        file.locked(),
+        begun.file.locked(),
         pytest.raises(InputError, match="another process or thread is computing this map"),
     ):
         compute_map(*asked, **options)
@@ -258,12 +260,12 @@ def test_what_a_killed_process_leaves_is_not_computed_to_every_reader(
     for files in (2, 3, 4, 5, 8):
         file = tmp_path / f"{files}.zarr"
         asked = elastic, drawn(elastic), QUANTITIES, file
-        job, made = prepare_map(*asked, chunk=6, length=0.2)
+        begun = BegunMap(*asked, chunk=6, length=0.2)
         with monkeypatch.context() as patch:
             patch.setattr("cartstiff.wings.maps.run.cpu_count", lambda: 1)
             _killed_after(patch, files)
             with pytest.raises(_Killed):
-                run_map(job, made)
+                begun.go_on()
         plain = _plain(file)
         done = plain["state"].values != 255
         for name in ("q", "position", *QUANTITIES):
@@ -276,13 +278,13 @@ def test_killed_again_and_again(elastic, expected, tmp_path, monkeypatch, files)
     """Each life writes a few objects; nothing is lost, and the map is that of one life."""
     asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
     kills, done = 0, 0
-    job, made = prepare_map(*asked, chunk=2, length=0.2)
-    while len(made.done()) < 10:
+    begun = BegunMap(*asked, chunk=2, length=0.2)
+    while len(begun.file.done()) < 10:
         with monkeypatch.context() as patch:
             patch.setattr("cartstiff.wings.maps.run.cpu_count", lambda: 1)
             _killed_after(patch, files)
             try:
-                run_map(job, made)
+                begun.go_on()
             except _Killed:
                 kills += 1
         now = int((_plain(asked[3])["state"].values != 255).sum())
@@ -305,17 +307,17 @@ def test_resuming_reads_no_number(elastic, tmp_path, monkeypatch):
         return await get(self, key, *arguments, **options)
 
     monkeypatch.setattr(LocalStore, "get", counted)
-    job, file = prepare_map(*asked, chunk=6, length=0.2)
-    assert run_map(job, file) == 1
+    begun = BegunMap(*asked, chunk=6, length=0.2)
+    assert begun.go_on() == 1
     assert not [key for key in read if "/c/" in key and not key.startswith("parts/")]
 
 
 def test_parts_are_few_large_objects_in_pieces(elastic, expected, tmp_path, monkeypatch):
-    _, layout = planned(elastic, drawn(elastic, 2 * 10**8), ["condition", "force", "isotropy"])
+    layout = layout_of(elastic, drawn(elastic, 2 * 10**8), ["condition", "force", "isotropy"])
     objects = len(layout.parts) * (1 + len(layout.arrays))
     assert objects < 2000
     assert layout.encoding(layout.arrays["q"])["chunks"] == (45056, 6)
-    monkeypatch.setattr(store, "INNER", 3)
+    small_pieces(monkeypatch, 3)
     asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
     found = compute_map(*asked, chunk=6, length=0.2)
     array = zarr.open_group(tmp_path / "m.zarr")["condition"]

@@ -1,11 +1,12 @@
 """Without the extra `robots`: a user's own arm works, and a hint says what is missing."""
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
-from tests.inner import catalogue
-
-from cartstiff.__main__ import main
 
 URDF = """<robot name="two">
   <link name="base"/><link name="upper"/><link name="tool"/>
@@ -21,47 +22,58 @@ URDF = """<robot name="two">
 """
 
 
-@pytest.fixture(autouse=True)
-def _no_example_robots(monkeypatch):
-    """The data's folder is not found, as in an install without it."""
-    monkeypatch.setattr(catalogue, "_data_directory", lambda: None)
-    catalogue.example_robots.cache_clear()
-    yield
-    catalogue.example_robots.cache_clear()
+#: Commands in a process in which the package of the robots is not found: what each says.
+RUN = """
+import json, sys
+sys.modules["example_robot_data"] = None
+from tests.support.commands import outcome
+print(json.dumps([outcome(line) for line in json.loads(sys.argv[1])]))
+"""
 
 
-def cartstiff(capsys, *arguments):
-    """Exit code, standard output and standard error."""
-    with pytest.raises(SystemExit) as caught:
-        main(list(arguments))
-    out, err = capsys.readouterr()
-    code = caught.value.code
-    assert isinstance(code, int)
-    return code, out, err
+@pytest.fixture(scope="module")
+def said(tmp_path_factory):
+    """Exit code, standard output and standard error by command."""
+    folder = tmp_path_factory.mktemp("without")
+    (folder / "two.urdf").write_text(URDF, encoding="utf-8")
+    lines = (
+        "analyse two.urdf --json",
+        "analyse stewart-gough --json",
+        "analyse ur5",
+        "models",
+    )
+    root = Path(__file__).parents[2]
+    paths = os.pathsep.join(map(str, (root / "src", root)))
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, json.dumps(lines)],
+        env=os.environ | {"PYTHONPATH": paths},
+        cwd=folder,
+        capture_output=True,
+        check=True,
+    )
+    return dict(zip(lines, json.loads(done.stdout), strict=True))
 
 
-def test_own_urdf_is_analysed(tmp_path, capsys):
-    path = tmp_path / "two.urdf"
-    path.write_text(URDF, encoding="utf-8")
-    code, out, err = cartstiff(capsys, "analyse", str(path), "--json")
+def test_own_urdf_is_analysed(said):
+    code, out, err = said["analyse two.urdf --json"]
     assert (code, err) == (0, "")
     assert json.loads(out)["mechanism"]["joints"] == ["shoulder", "slide"]
 
 
-def test_platform_is_analysed(capsys):
-    code, out, err = cartstiff(capsys, "analyse", "stewart-gough", "--json")
+def test_platform_is_analysed(said):
+    code, out, err = said["analyse stewart-gough --json"]
     assert (code, err) == (0, "")
     assert json.loads(out)["stiffness"]["F"] is not None
 
 
-def test_an_arm_of_the_extra_names_it_in_one_line(capsys):
-    code, out, err = cartstiff(capsys, "analyse", "ur5")
+def test_an_arm_of_the_extra_names_it_in_one_line(said):
+    code, out, err = said["analyse ur5"]
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
     assert "pip install 'cartstiff[robots]'" in err
 
 
-def test_models_names_the_extra(capsys):
-    code, out, _ = cartstiff(capsys, "models")
+def test_models_names_the_extra(said):
+    code, out, _ = said["models"]
     assert code == 0
     assert "pip install 'cartstiff[robots]'" in out

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
+
+import pytest
 
 from cartstiff import ElasticMechanism
 from tests.inner import (
@@ -12,11 +16,15 @@ from tests.inner import (
     Cloud,
     Playback,
     Session,
+    Setup,
+    Shown,
     Source,
+    Values,
     ViewState,
     cloud_of_workspace,
     export_page,
     moved_part,
+    page_script,
     read_cloud,
     read_message,
     read_trajectory,
@@ -39,6 +47,13 @@ def source_of(elastic: ElasticMechanism, *more: Any, **options: Any) -> Any:
     return Source(elastic, *more, **options)
 
 
+def stated(mechanism: str, shown: dict[str, Any] | None = None, **setup: Any) -> Any:
+    """What a page shows that a command names: a mechanism with its options, and what beside it."""
+    if "stiffness" in setup:
+        setup["stiffness"] = Values("--stiffness", setup["stiffness"])
+    return Shown(**(shown or {})).source(Setup(mechanism, **setup))
+
+
 def served(source: Any, **options: Any) -> Any:
     """A page that is served by a thread of this process."""
     return Background(source, **options)
@@ -54,9 +69,35 @@ def tab_of(source: Any, *picture: Any) -> Any:
     return Session(source, *picture)
 
 
+@contextmanager
+def short_curves(is_short: Callable[[Any], bool], steps: int = 7) -> Iterator[None]:
+    """Curves over the whole range, of sources of which that holds, have few postures."""
+    sweep = Session._sweep
+
+    def swept(self: Any, message: Any) -> Any:
+        if message.steps == 61 and is_short(self.source):
+            message = message.model_copy(update={"steps": steps})
+        return sweep(self, message)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Session, "_sweep", swept)
+        yield
+
+
 def state_of(**words: Any) -> Any:
     """The state of a tab."""
     return ViewState(**words)
+
+
+def asking(do: str, state: Any = None, **more: Any) -> Any:
+    """A question of the page about a state."""
+    more |= {} if state is None else {"state": state.model_dump()}
+    return read_message(json.dumps({"id": 1, "do": do, **more}))
+
+
+def scripts(*first: str) -> str:
+    """A script of the page with all that it imports, as one."""
+    return str(page_script(*first))
 
 
 def message_of(text: str) -> Any:

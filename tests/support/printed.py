@@ -7,6 +7,7 @@ from typing import Any
 
 from cartstiff import (
     CompensatedPath,
+    ElasticMechanism,
     Equilibrium,
     LoadCurve,
     OptimisedPath,
@@ -24,9 +25,13 @@ from tests.inner import (
     answer_of_workspace,
     answer_sentences,
     answer_text,
+    better_posture,
+    better_statements,
     describe,
     describe_equilibrium,
+    report_page,
     summary_text,
+    words_of,
 )
 from tests.inner import TITLES as TITLES
 from tests.inner import VERDICTS as VERDICTS
@@ -60,3 +65,23 @@ def fixed_words(code: str) -> list[str]:
     """What a statement's sentence says whatever its numbers are."""
     parts = re.split(r"\{[^}]*\}", SENTENCES[code])
     return [words.strip() for words in parts if words.strip()]
+
+
+def answer_of(result: PostureStiffness, **load: Any) -> Any:
+    """A posture's answer as plain data."""
+    return answer_at(result, **load).to_dict()
+
+
+def report_of(elastic: ElasticMechanism, *more: Any, **options: Any) -> str:
+    """A report of a posture as the text of one file."""
+    return str(report_page(elastic, *more, **options))
+
+
+def better_of(elastic: ElasticMechanism, *more: Any, **load: Any) -> Any:
+    """A better posture under a load, None where none is worth it."""
+    return better_posture(elastic, *more, **load)
+
+
+def words_of_better(found: Any, elastic: ElasticMechanism) -> list[str]:
+    """What is said of a better posture."""
+    return list(words_of(better_statements(found, elastic)))

@@ -10,6 +10,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
+from tests.support.pages import served, source_of
 
 import cartstiff
 
@@ -141,9 +142,7 @@ def platform() -> Any:
 @pytest.fixture
 def page(platform: Any) -> Iterator[Any]:
     """A server for the paper's platform that draws nothing."""
-    from tests.inner import Background, Source
-
-    server = Background(Source(platform), picture=NoPicture)
+    server = served(source_of(platform), picture=NoPicture)
     yield server
     server.close()
 

@@ -6,17 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.doors import LoadKind
-from tests.inner import (
-    Better,
-    LoadedPostures,
-    Session,
-    Source,
-    ViewState,
-    better_posture,
-    better_statements,
-    words_of,
-)
+from tests.support.pages import asking, source_of, state_of, tab_of
+from tests.support.printed import better_of, words_of_better
 from tests.view.test_report import ARM, HEAVY, Q, moved_by
 
 import cartstiff
@@ -51,7 +42,7 @@ def test_it_keeps_the_tip_and_is_worth_it(name, W):
         arm = replace(arm, q=np.array([0.2, -0.4, 0.5, 0.3, 0.6, -0.1]))
     else:
         arm = cartstiff.load(name)
-    found = better_posture(arm, wrench=W, load_axes="world")
+    found = better_of(arm, wrench=W, load_axes="world")
     if found is None:
         return
     before, after = (arm.mechanism.at(q).pose for q in (arm.q, found.q))
@@ -79,19 +70,19 @@ def test_it_keeps_the_tip_and_is_worth_it(name, W):
 def test_page_and_report_say_the_same():
     """One function, one text."""
     arm, W = cartstiff.load("ur5"), 100 * np.array(DOWN)
-    found = better_posture(arm, wrench=W, load_axes="world")
-    session = Session(Source(arm), lambda _: None)
-    state = ViewState(load=tuple(W.tolist()), load_axes="world")
-    answer = session.answer(Better(id=1, do="better", state=state)).data
-    assert answer["words"] == words_of(better_statements(found, arm))
+    found = better_of(arm, wrench=W, load_axes="world")
+    session = tab_of(source_of(arm), lambda _: None)
+    state = state_of(load=tuple(W.tolist()), load_axes="world")
+    answer = session.answer(asking("better", state)).data
+    assert answer["words"] == words_of_better(found, arm)
     assert answer["q"] == pytest.approx(found.q)
 
 
 def test_what_gets_worse_is_said():
     """A sideways force on a panda: the body turns more there."""
     arm = cartstiff.load("panda")
-    found = better_posture(arm, wrench=[0, 0, 0, 30, 0, 0], load_axes="world")
-    said = " ".join(words_of(better_statements(found, arm)))
+    found = better_of(arm, wrench=[0, 0, 0, 30, 0, 0], load_axes="world")
+    said = " ".join(words_of_better(found, arm))
     assert {change.measure for change in found.worse} == {"rotation"}
     turned = []
     for q in (arm.q, found.q):
@@ -106,7 +97,7 @@ def test_a_platform_turns_only_about_its_tools_axis():
     for name in ("cubic", "hexapod", "stewart-simscape"):
         elastic = in_units(cartstiff.load(name), "m")
         W = 20.0 * elastic.units.newtons * np.array(DOWN)
-        found = better_posture(elastic, wrench=W, load_axes="world")
+        found = better_of(elastic, wrench=W, load_axes="world")
         if found is not None:
             q = [elastic.mechanism.at(x).pose[:3, 3] for x in (elastic.q, found.q)]
             assert q[0] == pytest.approx(q[1], abs=1e-9)
@@ -116,33 +107,9 @@ def test_where_it_is_not_sought_the_reason_is_said():
     arm = cartstiff.load(f"<robot name='arm'>{ARM}</robot>", stiffness=2e4)
     held = arm.with_springs(None, np.array(Q) + 0.01)
     with pytest.raises(UndefinedError, match="would change as well"):
-        better_posture(held, Q, wrench=DOWN)
+        better_of(held, Q, wrench=DOWN)
     with pytest.raises(UndefinedError, match="loops"):
-        better_posture(cartstiff.load("five-bar"), wrench=DOWN)
+        better_of(cartstiff.load("five-bar"), wrench=DOWN)
     soft, push = arm.with_springs(0.001 * arm.springs.stiffness), 300 * np.array(DOWN)
     with pytest.raises(UndefinedError, match="not resisted"):
-        better_posture(soft, Q, wrench=push)
-
-
-def test_slopes_are_those_of_the_cost():
-    """Exact derivatives of what the search makes less, against its differences."""
-    arm, W = cartstiff.load("panda"), np.array([0.1, -0.2, 0.3, 20.0, -10.0, -50.0])
-    cost = LoadedPostures.of(arm, arm.q, W, LoadKind("dead", (0.01, 0.0, 0.05)), [0.0, 0.1, 0.02])
-    Q = arm.q + np.random.default_rng(0).uniform(-0.05, 0.05, (3, 7))
-    for q, exact in zip(Q, cost.slopes(Q), strict=True):
-        around = [q + h * e for e in np.eye(7) for h in (2e-3, 1e-3, -1e-3, -2e-3)]
-        values = cost(np.array(around)).reshape(7, 4)
-        wanted = values @ np.array([-1.0, 8.0, -8.0, 1.0]) / 12e-3
-        np.testing.assert_allclose(exact, wanted, rtol=1e-7, atol=1e-9 * np.abs(wanted).max())
-
-
-def test_difference_quotients_are_said():
-    """Compliant links move with the load, so that no displacement follows from q alone."""
-    arm = cartstiff.load("examples/flexible_arm.yaml")
-    cost = LoadedPostures.of(arm, arm.q, 100 * np.array(DOWN), LoadKind())
-    assert np.isnan(cost.slopes(arm.q[None])).all()
-    panda = cartstiff.load("panda")
-    found = better_posture(panda, wrench=50 * np.array(DOWN), load_axes="world")
-    assert found.reason == ""
-    said = better_statements(replace(found, reason=cost.why_quotients), panda)
-    assert "difference quotients: " in " ".join(words_of(said))
+        better_of(soft, Q, wrench=push)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.pages import stated
 
 import cartstiff
 from cartstiff.__main__ import main
@@ -66,12 +67,8 @@ def test_export_writes_a_page(tmp_path, capfd):
     assert "<title>stewart-gough · cartstiff</title>" in text
 
 
-def test_a_page_with_the_workspace_is_that_of_the_workspace(tmp_path, monkeypatch):
+def test_a_page_with_the_workspace_is_that_of_the_workspace(tmp_path):
     """The load counts where forces are limited; without, the page alone has it."""
-    from tests.inner import export
-
-    sources = []
-    monkeypatch.setattr(export, "export_page", lambda source, **_: sources.append(source) or "")
     legs = {"stiffness": 1e7, "limits": [0.4, 0.8]}
     layout = {
         "base": {"radius": 0.35, "half_angle": 0.2},
@@ -82,21 +79,9 @@ def test_a_page_with_the_workspace_is_that_of_the_workspace(tmp_path, monkeypatc
     for forces in ({}, {"force": [-260, 400]}):
         written = {"kind": "stewart-gough", "layout": layout, "legs": legs | forces}
         (tmp_path / "machine.yaml").write_text(json.dumps(written))
-        assert (
-            run(
-                "export",
-                str(tmp_path / "machine.yaml"),
-                "--workspace",
-                "--load",
-                "0,0,0,0,0,-1000",
-                "-o",
-                str(tmp_path / "page.html"),
-            )
-            == 0
-        )
         elastic = cartstiff.load(tmp_path / "machine.yaml")
         reached = cartstiff.workspace(elastic, wrench=load if forces else None, fits=False)
-        cloud = sources.pop().cloud
+        cloud = stated(str(tmp_path / "machine.yaml"), {"workspace": True}, load=load).cloud
         assert np.array_equal(cloud.positions[: len(reached.boundary)], reached.boundary)
         assert np.array_equal(cloud.positions[len(reached.boundary) :], reached.singular.surface)
         words = " ".join(cloud.values["limit that cuts"])

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 import umsgpack
-from tests.inner import numbered, page_script
 from tests.support import read_mesh
-from tests.support.pages import page_text, source_of, state_of, tab_of
+from tests.support.pages import page_text, scripts, source_of, state_of, tab_of
 from tests.support.robots import visuals_of
 from tests.view.conftest import unpacked
 
@@ -101,9 +100,8 @@ def test_the_state_of_a_tab_is_exported():
 
 def test_meshes_are_on_a_fine_grid():
     """A corner of a link differs from that of its file by half a step; the steps compress well."""
-    from tests.inner import PageScene
-
-    picture, arm = PageScene(cartstiff.load("ur5")), cartstiff.load("ur5")
+    arm = cartstiff.load("ur5")
+    picture = tab_of(source_of(arm)).picture
     picture.draw(cartstiff.analyse(arm), state_of(q=arm.q.tolist()))
     packed = picture.by_path()[
         "set_object", "/meshcat/cartstiff/mechanism/joint 3/3 forearm_link", ""
@@ -130,13 +128,8 @@ def test_the_file_of_an_arm_or_a_closed_chain_computes(name):
     assert page == page_text(source_of(cartstiff.load(name)))
 
 
-def test_each_command_is_kept_once_in_an_order_that_a_viewer_takes():
-    first, second = {("set_property", "/a", "visible"): b"first"}, {("set_object", "/c", ""): b"c"}
-    assert numbered(first | second, first) == ([b"c", b"first"], [[0, 1], [1]])
-
-
 def test_the_modules_fit_into_one_script():
-    script = page_script()
+    script = scripts()
     assert not re.search(r"^(import|export) ", script, re.MULTILINE)
     names = re.findall(r"^(?:async )?(?:function|const|let|class) (\w+)", script, re.MULTILINE)
     assert len(names) == len(set(names)), sorted({n for n in names if names.count(n) > 1})

@@ -10,8 +10,7 @@ import subprocess
 
 import pytest
 from tests.doors import engineering
-from tests.inner import page_script
-from tests.support.pages import motion_shown, source_of, state_of, tab_of
+from tests.support.pages import motion_shown, scripts, source_of, state_of, tab_of
 
 import cartstiff
 
@@ -71,7 +70,7 @@ def _in_node(module, made):
     """What an expression of a module of the page is."""
     if shutil.which("node") is None:
         pytest.skip("no node to run JavaScript")
-    script = f"{page_script(module)}process.stdout.write(JSON.stringify({made}));"
+    script = f"{scripts(module)}process.stdout.write(JSON.stringify({made}));"
     done = subprocess.run(["node", "-"], input=script, capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
 

@@ -6,7 +6,6 @@ import contextlib
 import gzip
 import json
 import random
-import signal
 import socket
 import threading
 import time
@@ -15,8 +14,6 @@ import urllib.request
 from urllib.parse import urlsplit
 
 import pytest
-from tests.doors import DEAD_AT_ORIGIN
-from tests.inner import server as serving
 from tests.support.pages import served, source_of
 from tests.view.conftest import NoPicture, Tab
 from tornado.httpclient import HTTPClientError
@@ -82,19 +79,6 @@ def test_the_first_picture_is_prepared_before_anybody_asks(platform):
         first.close()
     finally:
         server.close()
-
-
-def test_programs_are_recorded_while_a_user_looks_on(page, platform, monkeypatch):
-    monkeypatch.setattr(serving, "_LOOKED_AT", 0.05)
-    tab = Tab(page.url)
-    assert tab.read()["do"] == "hello"
-    (inside,) = page.server.tabs
-    found = [inside._session.postures.posture(platform.q, None, DEAD_AT_ORIGIN, "body")]
-    while not found[-1].is_plain:
-        time.sleep(0.01)
-        found.append(inside._session.postures.posture(platform.q, None, DEAD_AT_ORIGIN, "body"))
-    assert abs(found[-1]["K"] - found[0]["K"]).max() < 1e-9 * abs(found[0]["K"]).max()
-    tab.close()
 
 
 def test_a_tab_is_told_why_there_is_no_picture(platform):
@@ -265,27 +249,6 @@ def test_a_browser_without_the_token_is_asked_for_the_address_and_told_nothing(p
         assert "Set-Cookie" not in headers
 
 
-def test_a_page_that_is_served_anew_has_the_same_port_if_it_is_free(platform, monkeypatch):
-    found = []
-    with socket.socket() as free:  # other tests may serve at the usual one at the same time
-        free.bind(("127.0.0.1", 0))
-        monkeypatch.setattr(serving, "USUAL_PORT", free.getsockname()[1])
-
-    def ask(url):
-        found.append(urlsplit(url).port)
-        signal.raise_signal(signal.SIGTERM)
-
-    for _ in range(2):
-        serving.serve(source_of(platform), ready=ask)
-    with socket.socket() as taken:
-        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        taken.bind(("127.0.0.1", serving.USUAL_PORT))
-        taken.listen()
-        serving.serve(source_of(platform), ready=ask)
-    assert found[:2] == [serving.USUAL_PORT] * 2
-    assert found[2] != serving.USUAL_PORT
-
-
 def test_a_socket_needs_the_token(page):
     place = urlsplit(page.url)
     origin = f"http://{place.netloc}"
@@ -341,35 +304,6 @@ def test_long_questions_do_not_hold_up_short_ones(tab):
     assert order == [2, 1]
 
 
-def test_long_questions_rest_while_a_hand_moves_something(tab, monkeypatch):
-    """However long one posture of theirs takes: no picture waits for it, on no tab of the page."""
-    monkeypatch.setattr(serving, "_DRAG_PAUSE", 1e9)
-    one, other = tab(), tab()
-    other.ask({"id": 1, "do": "draw"})
-    one.send({"id": 1, "do": "sweep", "coordinate": 0, "steps": 2})
-    for number in range(2, 60):
-        assert one.ask({"id": number, "do": "draw"})["id"] == number
-    monkeypatch.setattr(serving, "_DRAG_PAUSE", 0.0)
-    assert one.read()["id"] == 1
-
-
-def test_of_long_questions_the_newest_is_answered_and_the_others_are_told(tab, monkeypatch):
-    monkeypatch.setattr(serving, "_DRAG_PAUSE", 1e9)
-    one = tab()
-    one.ask({"id": 0, "do": "draw"})  # a hand that moves something: the questions wait
-    for number in (1, 2, 3):
-        one.send({"id": number, "do": "sweep", "coordinate": 0, "steps": 41})
-    answers = {number: one.read() for number in (1, 2)}
-    monkeypatch.setattr(serving, "_DRAG_PAUSE", 0.0)
-    while 3 not in answers:
-        answer = one.read()
-        answers[answer["id"]] = answer
-    assert set(answers) == {1, 2, 3}
-    for number in (1, 2):
-        assert "newer question" in answers[number]["error"]
-    assert len(answers[3]["rows"]) == 41
-
-
 def test_too_many_waiting_questions_are_refused(tab):
     one = tab()
     for number in range(1, 61):
@@ -397,19 +331,6 @@ def test_refused_messages_leave_the_tab_open(tab):
     assert one.ask({"id": 6, "do": "draw"})["numbers"]
 
 
-def test_too_many_messages_are_dropped_and_said(tab, monkeypatch):
-    monkeypatch.setattr(serving, "MOST_MESSAGES", 20)
-    one = tab()
-    for number in range(1, 400):
-        one.send({"id": number, "do": "bounds"})
-    errors, answers = 0, 0
-    while not errors:
-        answer = one.read()
-        errors += "too many messages" in answer.get("error", "")
-        answers += 1
-    assert answers < 60
-
-
 def test_a_fault_inside_is_said_and_survived(platform, monkeypatch):
     class Faulty(NoPicture):
         def draw(self, result, state, moved=None):
@@ -425,49 +346,6 @@ def test_a_fault_inside_is_said_and_survived(platform, monkeypatch):
     assert one.ask({"id": 2, "do": "draw"})["numbers"]
     one.close()
     server.close()
-
-
-def test_tabs_are_counted(page, monkeypatch):
-    monkeypatch.setattr(serving, "MOST_TABS", 3)
-    tabs = [Tab(page.url) for _ in range(3)]
-    late = Tab(page.url)
-    assert late.read()["error"] == "too many tabs show this page; expected at most 3"
-    assert late.read() is None
-    assert late.socket.close_code == 4029  # the page does not try again
-    late.close()
-    tabs.pop().close()
-    for _ in range(50):
-        tabs.append(Tab(page.url))
-        if tabs[-1].read()["do"] == "hello":
-            break
-        tabs.pop().close()
-    assert len(tabs) == 3
-    for one in tabs:
-        one.close()
-
-
-def test_a_crowd_without_a_word_locks_nobody_out(page, monkeypatch):
-    """Idle and slow connections give way to new ones, and never to one that has the token."""
-    monkeypatch.setattr(serving, "MOST_CONNECTIONS", 20)
-    place = urlsplit(page.url)
-    one = Tab(page.url)
-    assert one.read()["do"] == "hello"
-    held = []
-    for number in range(200):
-        held.append(socket.create_connection((place.hostname, place.port), timeout=120))
-        if number % 2:
-            held[-1].sendall(f"GET {place.path} HTTP/1.1\r\nHost: 127".encode())
-        if number % 20 == 0:
-            assert get(page.url)[0] == 200
-    later = Tab(page.url)
-    assert later.read()["do"] == "hello"
-    for number in (1, 2):
-        assert later.ask({"id": number, "do": "draw"})["numbers"]
-        assert one.ask({"id": number, "do": "draw"})["numbers"]
-    held[0].settimeout(120)
-    assert held[0].recv(10) == b""  # the oldest has been let go
-    for connection in (*held, later, one):
-        connection.close()
 
 
 def test_fuzzed_messages_leave_the_server_serving(tab, page):
@@ -515,9 +393,7 @@ def test_a_port_in_use_is_one_clear_line(page, platform):
 
 
 def test_an_export_from_a_tab(tab):
-    from tests.inner import export
-
-    assert export  # the stand-in has no commands by path: the refusal must be an answer too
+    # The stand-in has no commands by path: the refusal must be an answer too
     answer = tab().ask({"id": 4, "do": "export"})
     assert answer["do"] == "export"
     assert "error" in answer

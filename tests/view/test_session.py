@@ -11,16 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.doors import PolynomialLaw
-from tests.inner import (
-    Cloud,
-    Frame,
-    Playback,
-    Session,
-    Source,
-    describe_mechanism,
-    read_message,
-    slider_ranges,
-)
+from tests.support.pages import asking, cloud_of, message_of, playback_of, source_of, stated, tab_of
 
 import cartstiff
 from cartstiff import CartstiffError, DeadWrench, InputError, JointSprings
@@ -30,21 +21,32 @@ from cartstiff.geometry import se3
 
 @pytest.fixture
 def session(no_picture):
-    def make(name: str, **options: Any) -> Session:
-        return Session(Source(cartstiff.load(name), **options), no_picture)
+    def make(name: str, **options: Any) -> Any:
+        return tab_of(source_of(cartstiff.load(name), **options), no_picture)
 
     return make
 
 
-def asked(session: Session, **message: Any) -> dict[str, Any]:
+def asked(session: Any, **message: Any) -> dict[str, Any]:
     """The answer's object, which must be JSON."""
-    answer = session.answer(read_message(json.dumps({"id": 1, **message})))
+    answer = session.answer(message_of(json.dumps({"id": 1, **message})))
     return json.loads(json.dumps(answer.data, allow_nan=False))
 
 
-def worked(session: Session, **message: Any) -> dict[str, Any]:
+def described(elastic: Any, q: Any = None) -> dict[str, Any]:
+    """What a new tab is told of a mechanism."""
+    told = tab_of(source_of(elastic, q)).hello().data["mechanism"]
+    return json.loads(json.dumps(told, allow_nan=False))
+
+
+def ranges_of(elastic: Any, q: Any) -> list[tuple[float, float]]:
+    """The ends of the sliders at a posture."""
+    return [(one["lower"], one["upper"]) for one in described(elastic, q)["coordinates"]]
+
+
+def worked(session: Any, **message: Any) -> dict[str, Any]:
     """The answer to a question that takes many postures."""
-    steps = session.work(read_message(json.dumps({"id": 1, **message})))  # type: ignore[arg-type]
+    steps = session.work(message_of(json.dumps({"id": 1, **message})))
     pauses = 0
     while True:
         try:
@@ -56,10 +58,10 @@ def worked(session: Session, **message: Any) -> dict[str, Any]:
 
 
 def test_forces_that_drives_hold_are_sought_only_while_they_are_shown(monkeypatch):
-    source, sought = Source(cartstiff.load("ur5")), list[Any]()
+    source, sought = source_of(cartstiff.load("ur5")), list[Any]()
     none = sought.append  # nothing balances the posture then
     monkeypatch.setattr("cartstiff.shown.scene.held_forces.held_forces", none)
-    tab = Session(source)
+    tab = tab_of(source)
     state = {"load": [0, 0, 0, 0, 0, -100.0]}
     assert asked(tab, do="draw", state=state)["legend"]["held_forces"] is None
     assert sought == []
@@ -181,8 +183,9 @@ def test_a_load_that_bends_links_leaves_the_sweep_and_the_sliders(session):
 
 def test_a_sweep_deflects_links_only_where_the_chain_closes(session, monkeypatch):
     one, analysed = session("3-rrr"), []
-    real = Session._analysed
-    monkeypatch.setattr(Session, "_analysed", lambda *a: analysed.append(1) or real(*a))
+    kind = type(one)
+    real = kind._analysed
+    monkeypatch.setattr(kind, "_analysed", lambda *a: analysed.append(1) or real(*a))
     state = {"load": [0, 0, 0, 0, 0, -100.0], "load_axes": "world"}
     found = worked(one, do="sweep", coordinate=15, steps=13, state=state)
     reached = sum("reason" not in row for row in found["rows"])
@@ -229,7 +232,7 @@ def test_a_moved_joint_of_a_grasp_stays_where_it_was_put(session):
 def test_a_trajectory(session):
     arm = cartstiff.load("ur5")
     postures = np.array([arm.q, arm.q + 0.1, arm.q + 0.2])
-    one = session("ur5", trajectory=Playback(postures, np.array([0.0, 0.5, 2.0]), True))
+    one = session("ur5", trajectory=playback_of(postures, np.array([0.0, 0.5, 2.0]), True))
     assert one.hello().data["trajectory"] == {"time": [0.0, 0.5, 2.0], "timed": True}
     found = worked(one, do="series")
     assert found["at"] == [0.0, 0.5, 2.0]
@@ -239,7 +242,7 @@ def test_a_trajectory(session):
 
 
 def test_a_map(session):
-    cloud = Cloud(np.zeros((4, 3)), {"softest": np.arange(4.0)}, {"softest": "N/m"})
+    cloud = cloud_of(np.zeros((4, 3)), {"softest": np.arange(4.0)}, {"softest": "N/m"})
     one = session("ur5", cloud=cloud)
     assert one.start.quantity_of_map == "softest"
     found = asked(one, do="draw", state={"quantity_of_map": "softest"})
@@ -288,7 +291,7 @@ def test_another_frame_moves_no_load_and_no_payload(kind, no_picture, tmp_path):
     path.write_text(FLEXIBLE)
     name = "ur5" if kind == "rigid" else str(path)
     typed = cartstiff.load(name, payload=[6.0, 0.1, 0.0, 0.2], tcp=[0.0, 0.0, 0.05])
-    tab = Session(Source(typed), no_picture)
+    tab = tab_of(source_of(typed), no_picture)
     tree = typed.mechanism.tree
     T_N_M = np.linalg.inv(tree.placement("ee_link").T_j_f) @ typed.mechanism.body.T_j_f
     state = {
@@ -370,10 +373,9 @@ def test_sliders_are_what_a_user_moves(name, expected):
         assert len(found) == (3 if name == "delta" else 6)
     else:
         assert found == expected
-    for (low, high), x in zip(slider_ranges(elastic, elastic.q), elastic.q, strict=True):
+    for (low, high), x in zip(ranges_of(elastic, elastic.q), elastic.q, strict=True):
         assert low <= x <= high
         assert high > low
-    json.dumps(describe_mechanism(elastic, elastic.q), allow_nan=False)
 
 
 def test_a_motor_with_a_nonlinear_spring_has_a_slider():
@@ -389,7 +391,7 @@ def test_sliders_of_a_platform_end_where_a_leg_ends_its_stroke():
     """The hexapod's legs go from 0.5 to 1.2; one coordinate moves at a time."""
     elastic = cartstiff.load("hexapod")
     anchors, points = elastic.mechanism.anchors, elastic.mechanism.points_P
-    for i, ends in enumerate(slider_ranges(elastic, elastic.q)):
+    for i, ends in enumerate(ranges_of(elastic, elastic.q)):
         for end in ends:
             q = elastic.q.copy()
             q[i] = end
@@ -400,9 +402,9 @@ def test_sliders_of_a_platform_end_where_a_leg_ends_its_stroke():
             assert left < 1e-5 or (i > 2 and abs(end) == pytest.approx(np.pi / 6))
     # A leg that is beyond its stroke does not hold a slider, one at its end holds it on one side.
     low = elastic.q - 0.42 * np.eye(6)[2]
-    assert slider_ranges(elastic, low)[2][1] > elastic.q[2]
+    assert ranges_of(elastic, low)[2][1] > elastic.q[2]
     rest = replace(elastic, mechanism=replaced_limits(elastic.mechanism, low))
-    assert slider_ranges(rest, low)[2][0] == pytest.approx(low[2], abs=1e-6)
+    assert ranges_of(rest, low)[2][0] == pytest.approx(low[2], abs=1e-6)
 
 
 def replaced_limits(platform, q):
@@ -473,13 +475,33 @@ def test_weight_and_lengths_are_what_the_tab_says(session):
         asked(heavy, do="draw", lengths=lengths)
 
 
+@pytest.mark.parametrize(
+    ("kind", "ends", "expected"),
+    [
+        ("revolute", (-2 * np.pi, 2 * np.pi), (-np.pi, np.pi)),
+        ("revolute", (-1.0, 2.0), (-1.0, 2.0)),
+        ("revolute", (0.0, 4 * np.pi), (0.0, 2 * np.pi)),
+        ("revolute", (-5 * np.pi, -np.pi), (-3 * np.pi, -np.pi)),
+        ("prismatic", (-9.0, 9.0), (-9.0, 9.0)),
+    ],
+)
+def test_a_sweep_of_an_angle_is_one_turn_at_most(kind, ends, expected):
+    arm = cartstiff.load(
+        f"<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='{kind}'>"
+        "<parent link='a'/><child link='b'/>"
+        f"<limit lower='{ends[0]}' upper='{ends[1]}' effort='1' velocity='1'/></joint></robot>"
+    )
+    (told,) = described(arm)["coordinates"]
+    assert told["swept"] == pytest.approx(expected)
+
+
 def test_a_changed_spring_leaves_the_laws_of_the_others(no_picture):
     """The page sends the numbers of all springs, of which a nonlinear one has none."""
     arm = cartstiff.load("ur5")
     laws = {2: PolynomialLaw((1e4, 0.0, 1e6))}
     arm = replace(arm, springs=replace(arm.springs, laws=laws))
-    one = Session(Source(arm), no_picture)
-    sent = [spring["stiffness"] for spring in describe_mechanism(arm, arm.q)["springs"]]
+    one = tab_of(source_of(arm), no_picture)
+    sent = [spring["stiffness"] for spring in described(arm)["springs"]]
     sent[5] *= 2.0
     load = (0.0, 0.0, 0.0, 0.0, 0.0, -100.0)
     result = one.result(one.start.model_copy(update={"stiffness": sent, "load": load}))
@@ -490,14 +512,12 @@ def test_a_changed_spring_leaves_the_laws_of_the_others(no_picture):
 
 
 def test_another_frame_keeps_the_springs_of_the_command_line(no_picture):
-    from tests.inner import Setup, Shown, Values
-
-    given = Values("--stiffness", {"elbow_joint": np.inf, "wrist_1_joint": 5e3})
-    one = Session(Shown().source(Setup("ur5", stiffness=given)), no_picture)
-    one.answer(Frame(id=1, do="frame", name="ee_link", state=one.start))
+    given = {"elbow_joint": np.inf, "wrist_1_joint": 5e3}
+    one = tab_of(stated("ur5", stiffness=given), no_picture)
+    one.answer(asking("frame", one.start, name="ee_link"))
     result = one.result(one.start)
     assert result.elastic.mechanism.rigid == {2}
-    expected = cartstiff.load("ur5", frame="ee_link").with_springs(given.numbers)
+    expected = cartstiff.load("ur5", frame="ee_link").with_springs(given)
     C = cartstiff.analyse(expected).compliances["B"]
     assert np.allclose(result.compliances["B"], C, rtol=1e-9, atol=1e-12 * np.abs(C).max())
 

@@ -7,7 +7,8 @@ import types
 
 import numpy as np
 import pytest
-from tests.inner import read_cloud, read_trajectory, source
+from tests.support.commands import run
+from tests.support.pages import clouds_in, points_of_workspace, postures_in
 
 from cartstiff import InputError
 from cartstiff.extend import in_units
@@ -37,7 +38,7 @@ def csv(tmp_path):
     ],
 )
 def test_trajectories(csv, text, q, time, timed):
-    found = read_trajectory(csv(text), NAMES)
+    found = postures_in(csv(text), NAMES)
     assert found.q.tolist() == q
     assert found.time.tolist() == time
     assert found.timed is timed
@@ -60,15 +61,12 @@ def test_trajectories(csv, text, q, time, timed):
 )
 def test_refused_trajectories(csv, text, words):
     with pytest.raises(InputError, match=words):
-        read_trajectory(csv(text), NAMES)
+        postures_in(csv(text), NAMES)
 
 
-def test_missing_and_long_files(csv, tmp_path, monkeypatch):
+def test_missing_files(tmp_path):
     with pytest.raises(InputError, match=r"nothing\.csv"):
-        read_trajectory(tmp_path / "nothing.csv", NAMES)
-    monkeypatch.setattr(source, "_MOST_POSTURES", 2)
-    with pytest.raises(InputError, match="too many postures; expected at most 2, got 3"):
-        read_trajectory(csv("1,2\n" * 3), NAMES)
+        postures_in(tmp_path / "nothing.csv", NAMES)
 
 
 class _Variable:
@@ -94,29 +92,24 @@ def opened(monkeypatch):
     return data
 
 
-def test_a_map(opened, tmp_path, monkeypatch):
+def test_a_map(opened, tmp_path):
     opened["position"] = _Variable(np.arange(24.0).reshape(2, 4, 3), "m")
     opened["softest"] = _Variable(np.arange(8.0).reshape(2, 4), "N/m")
     opened["reachable"] = _Variable(np.ones((2, 4), bool))
     opened["matrix"] = _Variable(np.zeros((2, 4, 6, 6)))
-    found = read_cloud(tmp_path / "map")
+    found = clouds_in(tmp_path / "map")
     assert found.positions.shape == (8, 3)
     assert list(found.values) == ["softest", "reachable"]
     assert found.units == {"softest": "N/m", "reachable": ""}
     assert found.thinned == 1
-    monkeypatch.setattr(source, "_MOST_POINTS", 3)
-    thin = read_cloud(tmp_path / "map")
-    assert thin.thinned == 3
-    assert thin.positions.tolist() == found.positions[::3].tolist()
-    assert thin.values["softest"].tolist() == [0, 3, 6]
 
 
 def test_a_map_without_positions_is_refused(opened, tmp_path):
     with pytest.raises(InputError, match="holds no positions"):
-        read_cloud(tmp_path / "map")
+        clouds_in(tmp_path / "map")
     opened["position"] = _Variable(np.zeros((4, 3)))
     with pytest.raises(InputError, match="map cannot be shown"):
-        read_cloud(tmp_path / "map")
+        clouds_in(tmp_path / "map")
 
 
 def test_a_real_map_with_places_out_of_reach(tmp_path):
@@ -130,57 +123,49 @@ def test_a_real_map_with_places_out_of_reach(tmp_path):
     grid = CartesianGrid({"x": Axis(x, x + 40.0, 3)}, arm, posture.q, starts=0, branches=1)
     compute_map(arm, grid, ["force"], tmp_path / "m.zarr")
     whole = open_map(tmp_path / "m.zarr")
-    cloud = read_cloud(tmp_path / "m.zarr")
+    cloud = clouds_in(tmp_path / "m.zarr")
     finite = np.isfinite(whole["position"].values.reshape(-1, 3)).all(axis=1)
     assert 0 < len(cloud.positions) == finite.sum() < finite.size
     assert list(cloud.values) == ["force"]
     assert np.array_equal(cloud.positions, whole["position"].values.reshape(-1, 3)[finite])
     assert cloud.q is None
-    known = read_cloud(tmp_path / "m.zarr", arm)
+    known = clouds_in(tmp_path / "m.zarr", arm)
     assert known.q is not None
     for q, place in zip(known.q, known.positions, strict=True):
         assert np.allclose(arm.mechanism.at(q).pose[:3, 3], place, atol=1e-9)
     with pytest.raises(InputError, match="--map: is the map of another mechanism; expected ur5"):
-        read_cloud(tmp_path / "m.zarr", cartstiff.load("ur5"))
-    heavier = read_cloud(tmp_path / "m.zarr", arm.with_springs(3.0))
+        clouds_in(tmp_path / "m.zarr", cartstiff.load("ur5"))
+    heavier = clouds_in(tmp_path / "m.zarr", arm.with_springs(3.0))
     assert list(heavier.values) == ["force, map of other springs"]
 
 
-def test_points_of_a_map_bring_their_postures(tmp_path, monkeypatch):
+def test_points_of_a_map_bring_their_postures(tmp_path):
     import cartstiff
     from cartstiff.maps import Grid, compute_map
 
     arm = cartstiff.load("ur5")
     grid = Grid({"shoulder_pan_joint": (-1, 1, 3), "elbow_joint": (0.5, 1.5, 3)}, arm.names, arm.q)
     compute_map(arm, grid, ["minimum"], tmp_path / "m.zarr")
-    known = read_cloud(tmp_path / "m.zarr", arm)
+    known = clouds_in(tmp_path / "m.zarr", arm)
     assert known.q is not None
     assert len(known.q) == 9
     for q, place in zip(known.q, known.positions, strict=True):
         assert np.allclose(arm.mechanism.at(q).pose[:3, 3], place, atol=1e-9)
     compute_map(in_units(arm, "mm"), grid, ["minimum"], tmp_path / "mm.zarr")
-    found = read_cloud(f"file://{tmp_path}/mm.zarr", arm)
+    found = clouds_in(f"file://{tmp_path}/mm.zarr", arm)
     np.testing.assert_allclose(found.positions, known.positions, atol=1e-12)
-    monkeypatch.setattr(source, "_AT_ONCE", 4)  # row by row
-    assert np.array_equal(read_cloud(tmp_path / "m.zarr", arm).q, known.q)
-    monkeypatch.setattr(source, "_MOST_COORDINATES", 6 * 4)
-    thin = read_cloud(tmp_path / "m.zarr", arm)
-    assert thin.thinned == 3
-    assert np.array_equal(thin.q, known.q[::3])
 
 
 def test_a_boundary_of_a_workspace(tmp_path):
     """What `workspace -o` writes, in the units of the file or in others."""
-    from tests.inner import boundary_csv
-
     import cartstiff
     from cartstiff import workspace
 
     hexapod = cartstiff.load("hexapod")
-    reached = workspace(hexapod, directions=60, scan=12, fits=False)
+    reached = workspace(hexapod, directions=20, scan=6, fits=False)
     path = tmp_path / "boundary.csv"
-    path.write_text(boundary_csv(reached), encoding="utf-8")
-    cloud = read_cloud(path, hexapod)
+    run("workspace hexapod --directions 20 --scan 6 -o", path)
+    cloud = clouds_in(path, hexapod)
     assert cloud.positions == pytest.approx(reached.boundary, abs=1e-12)
     words = cloud.values["limit that cuts"].tolist()
     cuts = reached.positions.limit.tolist()
@@ -189,27 +174,25 @@ def test_a_boundary_of_a_workspace(tmp_path):
     kinds = {"most": f"legs at most {high:.4g} m", "least": f"legs at least {low:.4g} m"}
     assert words == [kinds[cut.rpartition(" ")[2]] for cut in cuts]
     path.write_text("x [mm],y [mm],z [mm],limit\n1,2,3,reach\n", encoding="utf-8")
-    assert read_cloud(path).positions.tolist() == [[0.001, 0.002, 0.003]]
+    assert clouds_in(path).positions.tolist() == [[0.001, 0.002, 0.003]]
     path.write_text("z [m],roll [rad],pitch [rad],limit\n1,2,3,reach\n", encoding="utf-8")
     with pytest.raises(InputError, match="boundary cannot be shown"):
-        read_cloud(path)
+        clouds_in(path)
     path.write_text("x [m],y [m],z [m],limit\n1,2,three,reach\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"line 2.*not a finite number"):
-        read_cloud(path)
+        clouds_in(path)
 
 
 @pytest.mark.parametrize("name", ["hexapod", "delta"])
 def test_a_workspace_is_coloured_by_stiffness_first(name):
     """Of a platform, turned, and of a body on legs that are made of joints."""
-    from tests.inner import cloud_of_workspace
-
     import cartstiff
 
     machine = cartstiff.load(name)
     turn = [0, 0, 0, 0.1, -0.05, 0.2] if name == "hexapod" else [0.0] * len(machine.q)
     q = machine.q + np.array(turn)
     reached = cartstiff.workspace(machine, q, directions=60, scan=12, fits=False)
-    cloud = cloud_of_workspace(reached)
+    cloud = points_of_workspace(reached)
     assert list(cloud.values) == ["softest stiffness", "limit that cuts"]
     assert len(set(cloud.values["limit that cuts"].tolist())) <= 5
     assert cloud.better == {"softest stiffness": "larger"}
@@ -233,15 +216,13 @@ def test_limits_are_few_kinds(tmp_path):
     words += ["reach", "singularity", "half turn", "force of leg3, most", "joint 7, least"]
     rows = "\n".join(f'1,2,3,"{word}"' for word in words)
     (tmp_path / "b.csv").write_text(f"x [m],y [m],z [m],limit\n{rows}\n", encoding="utf-8")
-    cloud = read_cloud(tmp_path / "b.csv")
+    cloud = clouds_in(tmp_path / "b.csv")
     kinds = set(cloud.values["limit that cuts"].tolist())
     assert len(kinds) == 5
     assert {"legs slide at least", "legs slide at most", "other limits"} <= kinds
 
 
 def test_a_workspace_of_tilts_is_no_cloud_of_positions():
-    from tests.inner import cloud_of_workspace
-
     import cartstiff
 
     legs = {
@@ -254,18 +235,4 @@ def test_a_workspace_of_tilts_is_no_cloud_of_positions():
     machine = cartstiff.parallel(legs, [0, 0, 0.6, 0, 0, 0])
     reached = cartstiff.workspace(machine, directions=8, scan=6, fits=False)
     with pytest.raises(InputError, match="takes all positions, got z, roll, pitch"):
-        cloud_of_workspace(reached)
-
-
-def test_rare_kinds_of_points_are_others():
-    from tests.inner import colours_of
-
-    words = np.array([f"limit {i:02}" for i in range(20) for _ in range(20 - i)])
-    colours, facts = colours_of(words)
-    *listed, others = facts["kinds"]
-    assert [one["name"] for one in listed] == [f"limit {i:02}" for i in range(16)]
-    assert (others["name"], others["count"]) == ("4 others", 4 + 3 + 2 + 1)
-    assert sum(one["count"] for one in facts["kinds"]) == len(words)
-    for one, at in ((listed[3], words == "limit 03"), (others, words > "limit 15")):
-        assert {"#" + bytes(c.tolist()).hex() for c in colours[at]} == {one["colour"]}
-    assert len({one["colour"] for one in facts["kinds"]}) == 17
+        points_of_workspace(reached)

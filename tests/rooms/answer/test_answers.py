@@ -27,11 +27,11 @@ from tests.inner import (
     doubts_of,
 )
 from tests.laws.test_set_ups import SetUp, later, posture
+from tests.rooms.page.test_browser_program import asked_of
 from tests.support.commands import answer, run
 from tests.support.generated import Arm, close
 from tests.support.pages import message_of, page_text, source_of, tab_of
 from tests.support.report_words import states_what_is_said
-from tests.view.test_browser_program import asked_of
 from tests.view.test_export import held
 
 import cartstiff

@@ -17,19 +17,24 @@ from PIL import Image
 from tests.inner import (
     Tension,
     ViewerNode,
+    colours_of,
+    extent,
+    objects,
     page_style,
     rotation_to,
     round_number,
     scene_units,
     segment,
+    swing_of,
     text_png,
     theme,
 )
 from tests.support import random_pose
+from tests.support.pages import asking, source_of, state_of, tab_of
 from tests.view.viewer import Viewer, meshcat
 
 import cartstiff
-from cartstiff import InputError
+from cartstiff import InputError, load, modes
 from cartstiff.scene import (
     Linear,
     Logarithmic,
@@ -432,3 +437,54 @@ def test_a_mechanism_that_stands_on_its_base_has_a_shadow(name, has_one):
     scene.draw(cartstiff.analyse(arm))
     paths = {path for kind, path, _ in window.by_path() if kind == "set_object"}
     assert ("/meshcat/cartstiff/ground/shadow" in paths) == has_one
+
+
+@pytest.mark.parametrize("name", ["ur5", "stewart-simscape", "five-bar"])
+def test_a_step_goes_along_the_mode_as_far_as_it_says(name):
+    elastic = load(name)
+    found = modes(elastic)
+    step, far = swing_of(found, 1)
+    mechanism = elastic.mechanism
+    ends = [mechanism.at(mechanism.displaced(found.q, x * step)) for x in (-1e-5, 1e-5)]
+    corners = [extent(elastic, end) for end in ends]
+    moved = np.linalg.norm(corners[1] - corners[0], axis=1).max()
+    assert moved == pytest.approx(2e-5 * far, rel=1e-3)
+    way = ends[1].pose[:3, 3] - ends[0].pose[:3, 3]
+    twist = found.posture.pose[:3, :3] @ found.twists[3:, 0]
+    assert abs(way @ twist) == pytest.approx(np.linalg.norm(way) * np.linalg.norm(twist), rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["ur5", "five-bar"])
+def test_the_ghost_of_a_mode_is_one_end_of_its_swing(name):
+    """A tenth of the size away for what moves most, along the mode."""
+    elastic = load(name)
+    session = tab_of(source_of(elastic))
+    state = state_of(q=elastic.q.tolist(), mode=1)
+    away = session.answer(asking("draw", state)).data["legend"]["rest"]
+    assert away["mode"] == 1
+    found = modes(elastic)
+    _, far = swing_of(found, 1)
+    size = session.picture._scene.size
+    assert away["enlarged"] * far <= 0.14 * size * (1 + 1e-9)
+    assert 0.05 * size < away["enlarged"] * far or away["enlarged"] > 0.2
+    without = state.model_copy(update={"mode": None})
+    assert session.answer(asking("draw", without)).data["legend"]["rest"] is None
+
+
+def test_rare_kinds_of_points_are_others():
+    words = np.array([f"limit {i:02}" for i in range(20) for _ in range(20 - i)])
+    colours, facts = colours_of(words)
+    *listed, others = facts["kinds"]
+    assert [one["name"] for one in listed] == [f"limit {i:02}" for i in range(16)]
+    assert (others["name"], others["count"]) == ("4 others", 4 + 3 + 2 + 1)
+    assert sum(one["count"] for one in facts["kinds"]) == len(words)
+    for one, at in ((listed[3], words == "limit 03"), (others, words > "limit 15")):
+        assert {"#" + bytes(c.tolist()).hex() for c in colours[at]} == {one["colour"]}
+    assert len({one["colour"] for one in facts["kinds"]}) == 17
+
+
+def test_a_mesh_is_sent_small():
+    positions, faces = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0]], "f4"), np.array([[0, 1, 2]])
+    geometry = objects.mesh(positions, faces, np.array([[0, 0, 127]] * 3, "i1"), None)
+    assert geometry["data"]["index"]["type"] == "Uint16Array"
+    assert geometry["data"]["attributes"]["normal"]["normalized"]

@@ -24,10 +24,12 @@ from tests.inner import (
     eliminated,
     evaluate,
     frequency_name,
+    kernels,
     largest_eigenvalue,
     loss_of_elimination,
     principal_values,
 )
+from tests.maps.machines import arm
 from tests.support import serial_model
 from tests.support.read import read as recorded
 from tests.support.read import readable
@@ -35,7 +37,7 @@ from tests.support.read import readable
 import cartstiff
 from cartstiff import ElasticMechanism, JointSprings, analyse_many, payload
 from cartstiff.extend import QUANTITIES
-from cartstiff.maps import RandomPostures
+from cartstiff.maps import RandomPostures, compute_map
 
 LENGTH = 0.18
 #: Rounding that two ways to a number may differ by, over the condition number of what is read.
@@ -318,3 +320,22 @@ def test_two_equal_largest_eigenvalues_are_a_doubt_or_right():
     found = _on_tape(lambda m: list(largest_eigenvalue(m)), turn @ matrices @ turn.T)
     right = np.abs(found[:, 0] - [5.0, 1.0]) < 1e-13
     assert (right | (found[:, 1] != 0.0)).all()
+
+
+def test_a_map_has_one_numerical_path(tmp_path, monkeypatch):
+    """The last part is shorter than what compiling is worth, and computed in another process."""
+    elastic = arm()
+    sampling = RandomPostures(60, 1, elastic.q - 0.5, elastic.q + 0.5)
+    monkeypatch.setattr(kernels, "WORTH_COMPILING", 60)
+    monkeypatch.setattr(kernels, "_compiled", {})
+    quantities = ["translation_free_min", "condition"]
+    whole = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()
+    assert whole.attrs["numerical_path"] == "compiled"
+    (tmp_path / "m.zarr" / "parts" / "marks" / "c" / "1" / "0").unlink()
+    monkeypatch.setattr(kernels, "_compiled", {})
+    resumed = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()
+    for name in quantities:
+        np.testing.assert_array_equal(resumed[name], whole[name])
+    few = RandomPostures(59, 1, elastic.q - 0.5, elastic.q + 0.5)
+    other = compute_map(elastic, few, quantities, tmp_path / "n.zarr")
+    assert other.attrs["numerical_path"] == "portable"
