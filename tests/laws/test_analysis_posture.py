@@ -10,13 +10,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.doors import LETTERS, Parameters, Posture, Uncertain, joint_shares
-from tests.support import adjoint_reference, body_jacobian, frame_pose, loaded_arm
+from tests.support import (
+    adjoint_reference,
+    body_jacobian,
+    frame_pose,
+    loaded_arm,
+    refused,
+)
 from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import (
     ElasticMechanism,
-    InputError,
     JointSprings,
     PostureStiffness,
     UndefinedError,
@@ -194,8 +199,7 @@ def test_an_added_force_acts_where_it_is_said() -> None:
     free = both["directions"][3]["along"]["free"]
     assert both["deflection"]["displacement"][0] == pytest.approx(300.0 / free, rel=1e-9)
     assert abs(origin["displacement"][0] - both["deflection"]["displacement"][0]) > 1e-4
-    with pytest.raises(InputError, match="point of an added wrench needs the wrench"):
-        analyse_posture(result, load_at=p)
+    refused("point of an added wrench needs the wrench", analyse_posture, result, load_at=p)
 
 
 @pytest.mark.parametrize("connection", ["A", "B", "K", "load"])
@@ -369,18 +373,17 @@ def test_a_joint_placement_is_where_the_joint_stands() -> None:
 
 def test_refusals() -> None:
     result = cartstiff.analyse(cartstiff.load("cubic"))
-    with pytest.raises(UnknownNameError, match="unknown connection"):
-        analyse_posture(result, connection="Z")
-    with pytest.raises(InputError, match="not a rigid motion"):
-        analyse_posture(result, at=2.0 * np.eye(4))
-    with pytest.raises(InputError, match="wrench has the wrong count"):
-        analyse_posture(result, wrench=[1.0, 2.0])
-    with pytest.raises(InputError, match="target stiffness is not symmetric"):
-        analyse_posture(result, target=np.triu(np.ones((6, 6))))
-    with pytest.raises(InputError, match="tolerance of the length cannot be used"):
-        Tolerances(length=-1.0)
-    with pytest.raises(UndefinedError, match="no parameter"):
-        Uncertain.of(Parameters(result), Tolerances())
+    refused("unknown connection", analyse_posture, result, connection="Z", kind=UnknownNameError)
+    refused("not a rigid motion", analyse_posture, result, at=2.0 * np.eye(4))
+    refused("wrench has the wrong count", analyse_posture, result, wrench=[1.0, 2.0])
+    refused(
+        "target stiffness is not symmetric",
+        analyse_posture,
+        result,
+        target=np.triu(np.ones((6, 6))),
+    )
+    refused("tolerance of the length cannot be used", Tolerances, length=-1.0)
+    refused("no parameter", Uncertain.of, Parameters(result), Tolerances(), kind=UndefinedError)
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e-6, 1.0])

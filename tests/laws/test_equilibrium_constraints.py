@@ -8,7 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.doors import displacement_between, with_rest_balancing
-from tests.support import general_legs, legs_as_platform, relative_error, robot_file
+from tests.support import (
+    absolute_error,
+    general_legs,
+    legs_as_platform,
+    refused,
+    relative_error,
+    robot_file,
+)
 
 import cartstiff
 from cartstiff import ConvergenceError, DeadForce, DeadWrench, Held, InputError, equilibrium
@@ -67,7 +74,7 @@ def test_the_force_that_holds_does_what_holding_does(axes):
     assert set(state.reactions.held) == {"x", "z"}
     force = R_0 @ np.array([state.reactions.held["x"], 0.0, state.reactions.held["z"]])
     pushed = equilibrium(elastic, DeadForce(force))
-    assert np.abs(pushed.q - state.q).max() < 1e-12
+    assert absolute_error(pushed.q, state.q) < 1e-12
     assert relative_error(state.reactions.wrench, state.elastic_stiffness.wrench) < 1e-9
     assert state.stable
 
@@ -82,11 +89,11 @@ def test_a_pose_held_wholly(name):
     twist = np.array([0.02, -0.01, 0.03, 0.01 * length, 0.02 * length, -0.01 * length])
     T = elastic.mechanism.at(elastic.q).pose @ se3.exp(twist)
     state = equilibrium(elastic, held=Held.from_pose(T))
-    assert np.abs(state.pose - T).max() < 1e-12 * max(1.0, length)
+    assert absolute_error(state.pose, T) < 1e-12 * max(1.0, length)
     assert relative_error(state.reactions.wrench, state.elastic_stiffness.wrench) < 1e-9
     # The environment's wrench is what the springs need to be in balance there.
     free = equilibrium(elastic, state.q, DeadWrench(_in_world(state)))
-    assert np.abs(free.q - state.q).max() < 1e-9
+    assert absolute_error(free.q, state.q) < 1e-9
 
 
 def test_what_holds_a_body_beside_a_leg_much_stiffer_than_others():
@@ -118,8 +125,13 @@ def test_a_held_closed_chain():
 
 
 def test_a_pose_out_of_reach_is_refused():
-    with pytest.raises(ConvergenceError, match="held displacement cannot be met"):
-        equilibrium(ur5(), held={"x": 5.0})
+    refused(
+        "held displacement cannot be met",
+        equilibrium,
+        ur5(),
+        held={"x": 5.0},
+        kind=ConvergenceError,
+    )
 
 
 @pytest.mark.parametrize(
@@ -134,8 +146,7 @@ def test_a_pose_out_of_reach_is_refused():
     ],
 )
 def test_bad_held_displacements(values, options, error, match):
-    with pytest.raises(error, match=match):
-        Held(values, **options)
+    refused(match, Held, values, **options, kind=error)
 
 
 # -- limits --------------------------------------------------------------------------------------
@@ -181,7 +192,7 @@ def test_a_stop_that_is_left_again():
     assert state.reactions.limits == {}
     assert 1.0 < state.q[2] < 1.41
     free = equilibrium(ur5(), DeadForce([0.0, 0.0, 50.0]))
-    assert np.abs(state.q - free.q).max() < 1e-11
+    assert absolute_error(state.q, free.q) < 1e-11
 
 
 def test_many_loads_against_narrow_limits():

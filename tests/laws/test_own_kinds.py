@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from meshcat import Visualizer
 from tests.doors import Parameters
+from tests.support import absolute_error
 from tests.view.viewer import Viewer
 
 import cartstiff
@@ -193,8 +194,8 @@ def test_scene_and_report_draw_what_it_says() -> None:
     for i, path in enumerate(sorted(rods)):
         T = viewer.world(path)
         ends = sorted([T[:3, 3].tolist(), (T[:3, 3] + T[:3, 1]).tolist()])
-        middle = np.abs(T[:3, 3] - way[i : i + 2].mean(axis=0)).max()
-        start = np.abs(T[:3, 3] - way[i]).max()
+        middle = absolute_error(T[:3, 3], way[i : i + 2].mean(axis=0))
+        start = absolute_error(T[:3, 3], way[i])
         assert min(middle, start) < 1e-9, ends
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
+from tests.support import refused
 
 import cartstiff as cs
 
@@ -112,17 +113,20 @@ def test_loops_hold_the_load_at_which_a_drive_is_at_its_limit(name):
 def test_loops_without_one_answer_are_refused():
     elastic = cs.load("delta")  # whose links give
     elastic = replace(elastic, efforts=dict.fromkeys(elastic.spring_names, (-40.0, 50.0)))
-    with pytest.raises(cs.InputError, match="as many drives as motions"):
-        cs.record(elastic, ["largest_load"], loaded=True)
+    refused("as many drives as motions", cs.record, elastic, ["largest_load"], loaded=True)
     loop = cs.load("five-bar")
     loop = replace(loop, efforts=dict.fromkeys(loop.spring_names, (-40.0, 50.0)))
-    with pytest.raises(cs.InputError, match="has no derivatives"):
-        cs.gradient(loop, of="largest_load", wrench=[0, 0, 0, 10.0, 20.0, 0])
+    refused(
+        "has no derivatives", cs.gradient, loop, of="largest_load", wrench=[0, 0, 0, 10.0, 20.0, 0]
+    )
 
 
 def test_quantities_need_a_limit_and_a_load():
     elastic, *_ = arm()
-    with pytest.raises(cs.InputError, match="needs a load"):
-        cs.record(elastic, ["largest_load"])
-    with pytest.raises(cs.InputError, match="needs the limit of a drive's force"):
-        cs.record(replace(elastic, efforts={}), ["effort_margin"])
+    refused("needs a load", cs.record, elastic, ["largest_load"])
+    refused(
+        "needs the limit of a drive's force",
+        cs.record,
+        replace(elastic, efforts={}),
+        ["effort_margin"],
+    )

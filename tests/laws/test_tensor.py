@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from tests.doors import NAMED, Field, Units, convert_length, format_matrix
 from tests.support import (
+    absolute_error,
     adjoint_reference,
     cross_matrix,
     general_legs,
@@ -78,7 +79,7 @@ def test_predicted_asymmetry(name, seed):
     tensor = _tensor(seed, name)
     for order in ORDERS:
         t = tensor.to_order(order)
-        assert np.abs(t.asymmetry - t.predicted_asymmetry).max() <= ROUNDING * 10
+        assert absolute_error(t.asymmetry, t.predicted_asymmetry) <= ROUNDING * 10
         assert np.array_equal(t.asymmetry, t.matrix - t.matrix.T)
         assert np.array_equal(t.symmetric_part, 0.5 * (t.matrix + t.matrix.T))
     if tensor.connection.is_symmetric:  # proposition 4.1
@@ -90,18 +91,18 @@ def test_asymmetry_by_hand():
     tensor = _tensor(3)
     t, f = cross_matrix(tensor.wrench[:3]), cross_matrix(tensor.wrench[3:])
     expected = np.block([[t, f], [f, np.zeros((3, 3))]])
-    assert np.abs(tensor.asymmetry - expected).max() <= ROUNDING
+    assert absolute_error(tensor.asymmetry, expected) <= ROUNDING
     # Without symmetry of the connection, another matrix.
     plus = tensor.to_connection("+")
     assert np.abs(plus.asymmetry + expected).max() <= ROUNDING
-    assert np.abs(plus.matrix - tensor.matrix.T).max() <= ROUNDING
+    assert absolute_error(plus.matrix, tensor.matrix.T) <= ROUNDING
 
 
 @given(seeds)
 def test_connections_by_hand(seed):
     tensor = _tensor(seed)
     for name, K in matrices_from(tensor.matrix, tensor.wrench).items():
-        assert np.abs(tensor.to_connection(name).matrix - K).max() <= ROUNDING
+        assert absolute_error(tensor.to_connection(name).matrix, K) <= ROUNDING
 
 
 @EVERY
@@ -110,7 +111,7 @@ def test_connection_round_trip(name):
     there = tensor.to_connection(CONNECTIONS[name])
     assert there.connection is CONNECTIONS[name]
     back = there.to_connection("A")
-    assert np.abs(back.matrix - tensor.matrix).max() <= ROUNDING
+    assert absolute_error(back.matrix, tensor.matrix) <= ROUNDING
     assert np.array_equal(back.wrench, tensor.wrench)
 
 
@@ -133,13 +134,13 @@ def test_change_of_frame(name, seed, h):
     a = adjoint_reference(h)
     moved = tensor.to_frame(h, "flange")
     size = max(1.0, np.abs(a).max()) ** 2 * np.abs(tensor.matrix).max()
-    assert np.abs(moved.matrix - a.T @ tensor.matrix @ a).max() <= FRAMES * size
-    assert np.abs(moved.wrench - a.T @ tensor.wrench).max() <= FRAMES * size
-    assert np.abs(moved.pose - tensor.pose @ h).max() <= ROUNDING
+    assert absolute_error(moved.matrix, a.T @ tensor.matrix @ a) <= FRAMES * size
+    assert absolute_error(moved.wrench, a.T @ tensor.wrench) <= FRAMES * size
+    assert absolute_error(moved.pose, tensor.pose @ h) <= ROUNDING
     assert moved.frame == "flange"
     assert moved.units == tensor.units
     # The asymmetry of the moved tensor is still that of its load and connection.
-    assert np.abs(moved.asymmetry - moved.predicted_asymmetry).max() <= FRAMES * size * 100
+    assert absolute_error(moved.asymmetry, moved.predicted_asymmetry) <= FRAMES * size * 100
 
 
 @given(seeds, poses(["generic", "near identity", "at pi"]))
@@ -152,7 +153,7 @@ def test_kinematic_is_recomputed(seed, h):
     K_A = a.T @ tensor.to_connection("A").matrix @ a
     size = max(1.0, np.abs(a).max()) ** 2 * np.abs(tensor.matrix).max()
     assert moved.connection is KINEMATIC
-    assert np.abs(moved.matrix - matrices_from(K_A, W)["K"]).max() <= FRAMES * size
+    assert absolute_error(moved.matrix, matrices_from(K_A, W)["K"]) <= FRAMES * size
 
 
 @pytest.mark.parametrize("name", ["A", "B", "K", "+"])
@@ -162,9 +163,9 @@ def test_frame_there_and_back(name, order):
     tensor = _tensor(6, name).to_order(order)
     back = tensor.to_frame(h).to_frame(np.linalg.inv(h), "tool")
     assert back.order == order
-    assert np.abs(back.matrix - tensor.matrix).max() <= FRAMES * 100
-    assert np.abs(back.wrench - tensor.wrench).max() <= FRAMES
-    assert np.abs(back.pose - tensor.pose).max() <= ROUNDING
+    assert absolute_error(back.matrix, tensor.matrix) <= FRAMES * 100
+    assert absolute_error(back.wrench, tensor.wrench) <= FRAMES
+    assert absolute_error(back.pose, tensor.pose) <= ROUNDING
 
 
 @pytest.mark.parametrize("kind", ["arm", "platform"])
@@ -255,7 +256,7 @@ def test_units_with_a_pose():
     legs = general_legs()
     in_m = analyse(legs_as_platform(legs)).tensor("K")
     in_mm = in_m.to_units("mm", "kN")
-    assert np.abs(in_mm.pose[:3, 3] - 1000 * legs.q[:3]).max() <= ROUNDING * 1000
+    assert absolute_error(in_mm.pose[:3, 3], 1000 * legs.q[:3]) <= ROUNDING * 1000
     assert np.array_equal(in_mm.pose[:3, :3], in_m.pose[:3, :3])
     s = np.array([1e3] * 3 + [1.0] * 3)
     expected = 1e-3 * in_m.matrix * np.outer(s, [1, 1, 1, 1e-3, 1e-3, 1e-3])
@@ -272,7 +273,7 @@ def test_unit_round_trip(name, units):
     there = tensor.to_units(*units)
     assert (there.units.length, there.units.force) == units
     assert (
-        np.abs(there.asymmetry - there.predicted_asymmetry).max()
+        absolute_error(there.asymmetry, there.predicted_asymmetry)
         <= 1e-10 * np.abs(there.matrix).max()
     )
     back = there.to_units("cm", "N")
@@ -310,7 +311,7 @@ def test_compliance_is_the_inverse(name, order):
     for result in (analyse(paper_platform()), analyse(loaded_arm("RRRRRR", 3).elastic)):
         tensor = result.tensor(name).to_order(order)
         C = tensor.compliance()
-        assert np.abs(C.matrix @ tensor.matrix - np.eye(6)).max() <= 1e-9
+        assert absolute_error(C.matrix @ tensor.matrix, np.eye(6)) <= 1e-9
         assert relative_error(C.matrix, np.linalg.inv(tensor.matrix)) <= 1e-10
         assert (C.order, C.frame, C.units) == (order, tensor.frame, tensor.units)
         assert C.connection.name == name
@@ -328,7 +329,7 @@ def test_tensors_without_a_letter_have_their_own_inverse(name):
     """K^+ is K^A transposed, under a load another matrix; its inverse is transposed with it."""
     result = analyse(loaded_arm("RRRRRR", 3).elastic)
     K, C = result.tensor(name), result.tensor(name).compliance()
-    assert np.abs(C.matrix @ K.matrix - np.eye(6)).max() <= 1e-9
+    assert absolute_error(C.matrix @ K.matrix, np.eye(6)) <= 1e-9
     if name != "load":
         assert np.array_equal(K.matrix, result.tensor("A").T)
         assert relative_error(K.matrix, result.tensor("A").matrix) > 1e-3
@@ -357,11 +358,11 @@ def test_split_adds_up(name, seed):
     for order in ORDERS:
         t = tensor.to_order(order)
         first, second, third = t.split()
-        assert np.abs(first + second + third - t.matrix).max() <= ROUNDING
-        assert np.abs(first - first.T).max() <= ROUNDING * 10
+        assert absolute_error(first + second + third, t.matrix) <= ROUNDING
+        assert absolute_error(first, first.T) <= ROUNDING * 10
     first, second, third = tensor.split()
     reference = tensor.to_connection("A").split()
-    assert np.abs(first - reference[0]).max() <= ROUNDING * 10  # independent of the connection
+    assert absolute_error(first, reference[0]) <= ROUNDING * 10  # independent of the connection
     assert np.array_equal(second, reference[1])
     assert not reference[2].any()
 
@@ -389,13 +390,13 @@ def test_second_and_third_terms_by_hand():
     # A column for the direction of motion: later coordinates change earlier fields.
     second[0, 1], second[0, 2], second[1, 2] = -w3, w2, -w1
     second[:3, 3:] = -np.array([[0, w6, -w5], [-w6, 0, w4], [w5, -w4, 0]])
-    assert np.abs(tensor.split()[1] - second).max() <= ROUNDING
+    assert absolute_error(tensor.split()[1], second) <= ROUNDING
     t, f = cross_matrix(tensor.wrench[:3]), cross_matrix(tensor.wrench[3:])
     o = np.zeros((3, 3))
     third = {"A": np.zeros((6, 6)), "K": -np.block([[0.5 * t, o], [f, o]])}
     third["B"] = -0.5 * np.block([[t, f], [f, o]])
     for name, expected in third.items():
-        assert np.abs(tensor.to_connection(name).split()[2] - expected).max() <= ROUNDING
+        assert absolute_error(tensor.to_connection(name).split()[2], expected) <= ROUNDING
 
 
 # -- the object and its files -------------------------------------------------------------------

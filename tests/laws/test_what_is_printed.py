@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from tests.doors import PolynomialLaw, Scaled
+from tests.support import refused
 from tests.support.commands import command as cartstiff_command
 from tests.support.printed import sentences_of, text_of
 
 import cartstiff
 from cartstiff import (
     DeadForce,
-    InputError,
     JointSprings,
     UndefinedError,
     analyse_posture,
@@ -331,10 +331,14 @@ def test_a_display_says_what_does_not_exist_and_never_raises(
 
 
 def test_line_springs_without_a_line_are_refused() -> None:
-    with pytest.raises(InputError, match="no lines; expected at least one"):
-        cartstiff.LineSprings(
-            anchors=np.zeros((0, 3)), points=np.zeros((0, 3)), stiffness=[], rest_length=[]
-        )
+    refused(
+        "no lines; expected at least one",
+        cartstiff.LineSprings,
+        anchors=np.zeros((0, 3)),
+        points=np.zeros((0, 3)),
+        stiffness=[],
+        rest_length=[],
+    )
 
 
 def test_results_of_lines_without_a_length_are_displayed_or_refused(tmp_path: Path) -> None:
@@ -347,8 +351,7 @@ def test_results_of_lines_without_a_length_are_displayed_or_refused(tmp_path: Pa
     )
     flat, q = cartstiff.load(file), np.zeros(6)
     for ask in (cartstiff.analyse, cartstiff.modes):
-        with pytest.raises(UndefinedError, match="line 1 has zero length"):
-            ask(flat, q)
+        refused("line 1 has zero length", ask, flat, q, kind=UndefinedError)
     many = cartstiff.analyse_many(flat, [q, flat.q])
     assert "zero-length-line" in repr(many)
     for shown in (

@@ -7,6 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.machining import planar
+from tests.support import (
+    absolute_error,
+    refused,
+)
 from tests.support.printed import text_of
 from tests.view.test_report import HEAVY
 
@@ -33,7 +37,7 @@ def test_ranges_choose_the_elbow(sign):
 def test_near_a_posture(sign):
     posture = np.array([0.2, sign * 1.8, -sign * 1.0])
     found = optimise_path(planar.arm(), PATH, free="z", samples=24, near=posture)
-    assert np.abs(found.q - posture).max() <= QUARTER + 1e-12
+    assert absolute_error(found.q, posture) <= QUARTER + 1e-12
     assert found.to_dict()["configuration"]["near"] == QUARTER
     assert "within 90 deg" in found.configuration
 
@@ -55,9 +59,9 @@ def test_a_path_begins_near_the_posture(free):
     best = optimise_path(arm, path, free=free, samples=12, near="anywhere")
     found = optimise_path(arm, path, free=free, samples=12)
     assert best.worst < found.worst
-    assert np.abs(best.q[0] - arm.q).max() > 1.9
-    assert np.abs(found.q[0] - arm.q).max() <= QUARTER + 1e-9
-    said = f"it begins within {np.degrees(np.abs(found.q[0] - arm.q).max()):.3g} deg"
+    assert absolute_error(best.q[0], arm.q) > 1.9
+    assert absolute_error(found.q[0], arm.q) <= QUARTER + 1e-9
+    said = f"it begins within {np.degrees(absolute_error(found.q[0], arm.q)):.3g} deg"
     assert said in found.configuration
     # The nearest limit, by the joints' own limits.
     away = np.minimum(found.q + 3.2, 3.2 - found.q)
@@ -96,8 +100,7 @@ def test_progress_comes_to_its_end():
     ],
 )
 def test_what_is_refused(options, error, match):
-    with pytest.raises(error, match=match):
-        optimise_path(planar.arm(), PATH, free="z", samples=12, **options)
+    refused(match, optimise_path, planar.arm(), PATH, free="z", samples=12, **options, kind=error)
 
 
 def test_a_path_keeps_a_margin_and_says_where_it_is_least():
@@ -125,14 +128,26 @@ def test_a_path_keeps_a_margin_and_says_where_it_is_least():
         assert "effort_margin" in found.to_csv().splitlines()[0]
     assert kept.margins.min() >= asked > free.margins.min()
     assert kept.values.mean() > free.values.mean()
-    with pytest.raises(UndefinedError, match=r"only with effort_margin outside 0\.9 to 1"):
-        optimise_path(arm, PATH, **keys, ranges={"effort_margin": (0.9, 1.0)})
-    with pytest.raises(InputError, match="needs the limit of a drive's force"):
-        optimise_path(planar.arm(), PATH, **keys, ranges={"effort_margin": (0.2, 1.0)})
+    refused(
+        r"only with effort_margin outside 0\.9 to 1",
+        optimise_path,
+        arm,
+        PATH,
+        **keys,
+        ranges={"effort_margin": (0.9, 1.0)},
+        kind=UndefinedError,
+    )
+    refused(
+        "needs the limit of a drive's force",
+        optimise_path,
+        planar.arm(),
+        PATH,
+        **keys,
+        ranges={"effort_margin": (0.2, 1.0)},
+    )
 
 
 def test_platforms_have_no_ranges():
     platform = cartstiff.load("hexapod")
     path = ToolPath(platform.mechanism.at(platform.q).pose[None], [0, 0, 0, 1, 0, 0])
-    with pytest.raises(InputError, match="are for joints"):
-        optimise_path(platform, path, ranges={"x": (0.0, 1.0)})
+    refused("are for joints", optimise_path, platform, path, ranges={"x": (0.0, 1.0)})

@@ -12,6 +12,7 @@ import numpy as np
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 from tests.support import (
+    absolute_error,
     adjoint_reference,
     bend,
     relative_error,
@@ -139,7 +140,7 @@ def _solved(matrix, right):
     try:
         x = np.linalg.solve(matrix, right)
         size = np.abs(right).max()
-        met = np.abs(matrix @ x - right).max() <= 1e-9 * size
+        met = absolute_error(matrix @ x, right) <= 1e-9 * size
         if met and np.abs(x).max() < 1e8 * size:
             return x
     except np.linalg.LinAlgError:
@@ -284,7 +285,7 @@ def natural_error(got, expected, length):
     s = np.array([1.0] * 3 + [length] * 3)
     s = np.outer(s, s) / s.mean() ** 2
     got, expected = np.asarray(got, float) * s, np.asarray(expected, float) * s
-    return float(np.abs(got - expected).max() / np.abs(expected).max())
+    return float(absolute_error(got, expected) / np.abs(expected).max())
 
 
 def missed(result, held, step, seed=2):
@@ -300,5 +301,5 @@ def missed(result, held, step, seed=2):
     x, slopes, bends = by_energy(held, sizes, step, np.random.default_rng(seed))
     bent = np.einsum("ki,ij,kj->k", x, result.matrices["B"], x)
     forces = np.abs(x) @ np.abs(held.forces)
-    pulled = np.abs(slopes - x @ result.wrench).max() / max(forces.max(), 1e-300)
+    pulled = absolute_error(slopes, x @ result.wrench) / max(forces.max(), 1e-300)
     return wrong, relative_error(bends, bent), float(pulled)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from tests.support import absolute_error
 
 import cartstiff
 
@@ -49,14 +50,14 @@ def test_chains_close_and_come_back_from_their_poses(chain):
     machine = cartstiff.parallel({"chain": chain.split()[0], **legs}, [0, 0, height, 0, 0, 0])
     m = machine.mechanism
     home = cartstiff.analyse(machine)
-    assert np.abs(home.pose[:3, 3] - [0, 0, height]).max() < EXACT
+    assert absolute_error(home.pose[:3, 3], [0, 0, height]) < EXACT
     C = home.compliances["B"]
     assert np.linalg.matrix_rank(C, tol=1e-9 * np.abs(C).max()) == freedoms
     rng = np.random.default_rng(5)
     sizes = np.where(m.is_length, 0.03, 0.1)
     q = m.closed(machine.q + sizes * rng.standard_normal(machine.q.size), hold=[]).q
     T = m.at(q).pose
-    assert np.abs(T - home.pose).max() > 1e-3
+    assert absolute_error(T, home.pose) > 1e-3
     back = np.full(q.size, np.nan)
     for leg in m.legs:
         x, missed = leg.shape.inverse((T @ leg.T_M_end)[None], leg.mode(q, T))
@@ -64,7 +65,7 @@ def test_chains_close_and_come_back_from_their_poses(chain):
         back[list(leg.columns)] = x[0]
     posture = m.at(back)
     assert np.abs(posture.residual).max() < EXACT
-    assert np.abs(posture.pose - T).max() < EXACT
+    assert absolute_error(posture.pose, T) < EXACT
     driven = [leg.driven for leg in m.legs]
     assert np.abs(np.angle(np.exp(1j * (back - q)))[driven]).max() < EXACT
 
@@ -83,7 +84,7 @@ def test_struts_are_the_lines_of_a_platform():
     a, b = cartstiff.analyse(lines, wrench=W), cartstiff.analyse(struts, wrench=W)
     for name in "ABKF":
         size = np.abs(a.matrices[name]).max()
-        assert np.abs(a.matrices[name] - b.matrices[name]).max() < 1e-9 * size
+        assert absolute_error(a.matrices[name], b.matrices[name]) < 1e-9 * size
 
 
 def test_delta_by_name_is_the_delta_of_links():
@@ -115,7 +116,7 @@ def test_delta_by_name_is_the_delta_of_links():
         for name in "ABK":
             size = np.abs(a.matrices[name]).max()
             # The forearm's length is that of the file to ten digits.
-            assert np.abs(a.matrices[name] - b.matrices[name]).max() < 1e-7 * size
+            assert absolute_error(a.matrices[name], b.matrices[name]) < 1e-7 * size
 
 
 def test_lengths_in_other_units_and_a_tool():
@@ -127,7 +128,7 @@ def test_lengths_in_other_units_and_a_tool():
     T = small.mechanism.at(small.q).pose
     for leg in small.mechanism.legs:
         x, _ = leg.shape.inverse((T @ leg.T_M_end)[None], leg.mode(small.q, T))
-        assert np.abs(x[0] - small.q[list(leg.columns)]).max() < EXACT * 1e3
+        assert absolute_error(x[0], small.q[list(leg.columns)]) < EXACT * 1e3
 
 
 @pytest.mark.parametrize("mode", ["minus", "plus", None])

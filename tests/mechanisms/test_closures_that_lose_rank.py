@@ -79,9 +79,9 @@ def test_flat_parallelogram(tmp_path):
     assert np.abs(inside - parallel).max() <= ROUNDING
     for t in (1e-3, 0.1, 1.0):
         assert np.abs(elastic.mechanism.at(t * parallel).residual).max() <= ROUNDING
-    with pytest.raises(UndefinedError) as refused:
+    with pytest.raises(UndefinedError) as caught:
         analyse(elastic, strict=True)
-    assert refused.value.code == "constraint-singularity"
+    assert caught.value.code == "constraint-singularity"
 
 
 @pytest.mark.parametrize("kind", ["point", "weld"])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from tests.support import relative_error
 from tests.support.commands import answer, outcome, refuses, run
 
 import cartstiff
@@ -128,7 +129,7 @@ def test_fixed_tendons_are_those_of_mujoco(tmp_path, kind, tendons, more):
     assert np.abs(left).max() < 1e-8 * np.abs(STIFFNESS * (FACTORS @ state.q - REST)).max()
     C = in_room(state.stiffness.compliances["B"], state.stiffness.pose)
     expected = mujoco_says.compliance(state.q, FORCE)
-    assert np.abs(C - expected).max() < DIFFERENCES * np.abs(expected).max()
+    assert relative_error(C, expected) < DIFFERENCES
     assert elastic.stiffnesses == [2000.0, 0.0, 0.0, 0.0]  # none is assumed besides
 
 
@@ -145,7 +146,7 @@ def test_rest_positions_are_chosen_to_balance_a_load_and_the_weight(tmp_path):
         if wrench is not None:
             C = in_room(result.tangent_compliance, result.pose)
             expected = mujoco_says.compliance(Q, FORCE)
-            assert np.abs(C - expected).max() < DIFFERENCES * np.abs(expected).max()
+            assert relative_error(C, expected) < DIFFERENCES
 
 
 def test_springs_that_share_a_load_take_the_parts_of_least_energy(tmp_path):

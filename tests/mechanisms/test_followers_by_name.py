@@ -3,11 +3,10 @@
 import re
 
 import numpy as np
-import pytest
 from tests.mechanisms.machines import codes, joint, note, write_file, write_urdf
+from tests.support import refused
 
 import cartstiff
-from cartstiff import InputError
 
 FACTOR, OFFSET = -0.5, 0.2
 
@@ -49,16 +48,14 @@ def test_the_place_of_a_follower_is_that_of_its_leader(tmp_path):
         assert arm.names == ("wrist", "motor")
         np.testing.assert_allclose(arm.q, [0.0, 0.6])
     both = {"q": {"motor": 0.5, "follower": 0.1}, "springs": springs}
-    with pytest.raises(InputError, match="the places of both do not agree"):
-        cartstiff.load(write_file(tmp_path, **keys, **both))
+    refused("the places of both do not agree", cartstiff.load, write_file(tmp_path, **keys, **both))
 
 
 def test_a_spring_of_a_follower_is_refused_with_the_way_out(tmp_path):
     keys = {"kind": "serial", "model": hand(tmp_path).name, "frame": "tip"}
     springs = {"wrist": {"stiffness": 5.0}, "follower": {"stiffness": 7.0}}
     words = re.escape("it follows 'motor' by <mimic>; expected motor, of which it is -0.5 times")
-    with pytest.raises(InputError, match=words):
-        cartstiff.load(write_file(tmp_path, **keys, springs=springs))
+    refused(words, cartstiff.load, write_file(tmp_path, **keys, springs=springs))
 
 
 def test_actuated_joints_of_several_legs_may_be_followers(tmp_path):

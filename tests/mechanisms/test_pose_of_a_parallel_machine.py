@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.mechanisms.machines import joint, write_file, write_urdf
+from tests.support import absolute_error
 
 import cartstiff
 from cartstiff import InputError
@@ -54,8 +55,8 @@ def test_six_rus_is_put_together_at_its_pose(xyz, rpy, tmp_path):
     file = six_rus(tmp_path, pose={"xyz": list(xyz), "rpy": list(rpy)})
     machine = cartstiff.load(file)
     result = cartstiff.analyse(machine)
-    assert np.abs(result.pose[:3, 3] - xyz).max() < CLOSED
-    assert np.abs(result.pose[:3, :3] - Rotation.from_euler("xyz", rpy).as_matrix()).max() < CLOSED
+    assert absolute_error(result.pose[:3, 3], xyz) < CLOSED
+    assert absolute_error(result.pose[:3, :3], Rotation.from_euler("xyz", rpy).as_matrix()) < CLOSED
     # Every rod has its length: from the crank's end to the ball, by their own coordinates.
     for k in range(6):
         a = np.deg2rad(60 * k + (8 if k % 2 else -8))

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from tests.doors import Chain, plain_tree
-from tests.support import add_frame, promised, random_pose, translation
+from tests.support import absolute_error, add_frame, promised, random_pose, translation
 from tests.support.digits import matrix, skew, turned
 from tests.support.printed import text_of
 from tests.support.read import asked, of_many
@@ -142,7 +142,7 @@ class _Arm:
 
 
 def _error(got, expected):
-    return np.abs(got - expected).max() / np.abs(expected).max()
+    return absolute_error(got, expected) / np.abs(expected).max()
 
 
 @pytest.mark.parametrize("distance", DISTANCES)
@@ -388,7 +388,7 @@ def test_stiff_motor_of_a_closed_chain(stiffness):
     assert np.abs((found - K) / size).max() <= TEN_DIGITS
     assert not [n for n in result.notes if n.code == "idle-self-motion"]
     C_B = result.compliances["B"] * size
-    assert np.abs(C_B @ (K / size) - np.eye(6)).max() <= 1e-8
+    assert absolute_error(C_B @ (K / size), np.eye(6)) <= 1e-8
 
 
 def _centre(values, axes, moved):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.support import platform_mechanism
+from tests.support import absolute_error, platform_mechanism
 
 import cartstiff
 from cartstiff.extend import in_units
@@ -95,11 +95,11 @@ def test_rest_is_the_same_place_in_every_unit(place, stiffness, preload):
         exact = np.eye(4)
         exact[:3, :3] = np.array(turned.tolist(), float)
         exact[:3, 3] = [float(c) for c in x[:3]]
-    moved = np.abs(exact - states["m"].start.pose).max()
+    moved = absolute_error(exact, states["m"].start.pose)
     assert moved > 1e-3
     for unit, state in states.items():
         found = state.pose.copy()
         found[:3, 3] *= METRES[unit]
-        assert np.abs(found - exact).max() < SAME, unit
+        assert absolute_error(found, exact) < SAME, unit
         assert state.stable is True
         assert [n.code for n in state.notes] == [n.code for n in states["m"].notes], unit

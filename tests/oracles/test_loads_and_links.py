@@ -17,6 +17,7 @@ from tests.doors import (
     plain_tree,
 )
 from tests.support import (
+    absolute_error,
     body_jacobian,
     cross_matrix,
     exp_reference,
@@ -99,7 +100,7 @@ def test_payload_is_a_weight():
     a = payload(2.5, g, POINT).evaluate(heavy.at(legs.q))
     b = Gravity(g).evaluate(heavy.at(legs.q))
     for x, y in zip(a, b, strict=True):
-        assert np.abs(np.asarray(x) - y).max() <= ROUNDING * 100
+        assert absolute_error(np.asarray(x), y) <= ROUNDING * 100
 
 
 @pytest.mark.parametrize("moment", [np.zeros(3), MOMENT], ids=["force", "force and moment"])
@@ -117,7 +118,7 @@ def test_dead_wrench(moment):
     assert relative_error(got.hessian, gradient_of(gradient, np.ones(4))) <= GRADIENT
     assert np.isnan(got.energy) == bool(moment.any())
     if not moment.any():
-        assert np.abs(got.hessian - got.hessian.T).max() <= ROUNDING
+        assert absolute_error(got.hessian, got.hessian.T) <= ROUNDING
         same = DeadForce(FORCE).evaluate(chain.at(q))
         assert got.energy == same.energy
 
@@ -133,7 +134,7 @@ def test_follower_wrench():
     assert np.isnan(got.energy)
     assert relative_error(got.gradient, gradient(np.zeros(4))) <= ROUNDING
     assert relative_error(got.hessian, gradient_of(gradient, np.ones(4))) <= GRADIENT
-    assert np.abs(got.hessian - got.hessian.T).max() > 0.01
+    assert absolute_error(got.hessian, got.hessian.T) > 0.01
 
 
 def test_scaled():
@@ -157,8 +158,8 @@ def test_coupled_springs():
 
     got = springs.evaluate(chain.at(q))
     assert got.energy == pytest.approx(energy(np.zeros(4)), rel=ROUNDING)
-    assert np.abs(got.gradient - gradient_of(energy, np.ones(4))).max() <= GRADIENT
-    assert np.abs(got.hessian - hessian_of(energy, np.ones(4))).max() <= HESSIAN
+    assert absolute_error(got.gradient, gradient_of(energy, np.ones(4))) <= GRADIENT
+    assert absolute_error(got.hessian, hessian_of(energy, np.ones(4))) <= HESSIAN
 
 
 def test_flexible_link_at_rest_is_rigid():
@@ -182,13 +183,13 @@ def test_flexible_link_at_rest_is_rigid():
     state = tree.at(q)
     for name in ("link1", "link2", "link3", "tip"):
         got = state.pose(tree.placement(name))
-        assert np.abs(got - frame_pose(model, arm.q, name)).max() <= ROUNDING
+        assert absolute_error(got, frame_pose(model, arm.q, name)) <= ROUNDING
     bent = q.copy()
     bent[2:8] = rng.uniform(-0.1, 0.1, 6)
     moved = tree.at(bent)
     for name in ("link1", "link2"):
         assert (
-            np.abs(moved.pose(tree.placement(name)) - frame_pose(model, arm.q, name)).max()
+            absolute_error(moved.pose(tree.placement(name)), frame_pose(model, arm.q, name))
             <= ROUNDING
         )
     # Beyond the spring everything moves by the six virtual joints, at the spring's place.
@@ -197,7 +198,7 @@ def test_flexible_link_at_rest_is_rigid():
     for axis, angle in zip(np.eye(3), bent[5:8], strict=True):
         give = give @ exp_reference([*(angle * axis), 0, 0, 0])
     expected = S @ give @ np.linalg.inv(S) @ frame_pose(model, arm.q, "tip")
-    assert np.abs(moved.pose(tree.placement("tip")) - expected).max() <= ROUNDING
+    assert absolute_error(moved.pose(tree.placement("tip")), expected) <= ROUNDING
 
 
 def test_flexible_link_adds_its_compliance():
@@ -276,7 +277,7 @@ def test_merged_trees(mimic):
     for prefix, arm, tree, root, q in zip(("left.", "right."), arms, trees, roots, qs, strict=True):
         full = q if tree.mimic is None else tree.mimic @ q + tree.offset
         expected = root @ frame_pose(arm.model, full, "tip")
-        assert np.abs(state.pose(both.placement(prefix + "tip")) - expected).max() <= ROUNDING
+        assert absolute_error(state.pose(both.placement(prefix + "tip")), expected) <= ROUNDING
     g = np.array([0.3, -1.0, -9.81])
     total = 0.0
     for arm, tree, root, q in zip(arms, trees, roots, qs, strict=True):
@@ -297,7 +298,7 @@ def test_extended_trees(mimic):
     got = longer.at(np.concatenate([q, [0.3, 0.4]])).pose(longer.placement("end"))
     tip = frame_pose(arm.model, full, "tip")
     expected = tip @ translation(0, 0, 0.3) @ exp_reference([0.4, 0, 0, 0, 0, 0])
-    assert np.abs(got - expected).max() <= ROUNDING
+    assert absolute_error(got, expected) <= ROUNDING
     assert tree.n == longer.n - 2  # the tree given is as it was
 
 

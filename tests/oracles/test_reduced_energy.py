@@ -16,6 +16,7 @@ from scipy.linalg import null_space
 from tests.doors import Chain, Closure, plain_tree
 from tests.support import (
     ReducedEnergy,
+    absolute_error,
     add_chain,
     add_frame,
     body_jacobian,
@@ -66,7 +67,7 @@ def check(result: PostureStiffness, reduced: ReducedEnergy) -> None:
     for name, K in matrices_from(K_A, reduced.wrench(np.zeros(6))).items():
         assert relative_error(result.tensor(name).matrix, K) <= LOAD_FIELD, name
     # The differences must be able to tell: the load changes K visibly.
-    assert np.abs(K_A - K_A.T).max() > 1e-3 * np.abs(K_A).max()
+    assert absolute_error(K_A, K_A.T) > 1e-3 * np.abs(K_A).max()
 
 
 def reduced_energy(model, elastic: ElasticMechanism, frame: str, q, **ties) -> ReducedEnergy:
@@ -252,8 +253,8 @@ def test_assembled_from_a_nearby_guess():
     q = chain.assembled(guess)
     for s in range(1, 6):
         a, b = (frame_pose(model, q, f"{n}{s}")[:3, 3] for n in ("point", "tip"))
-        assert np.abs(a - b).max() <= ASSEMBLED
-    assert np.abs(q - guess).max() < 0.3
+        assert absolute_error(a, b) <= ASSEMBLED
+    assert absolute_error(q, guess) < 0.3
     arm = loaded_arm("RRR", 1)
     assert np.array_equal(arm.elastic.mechanism.assembled(arm.q), arm.q)
 
@@ -274,13 +275,13 @@ def test_closure_maps_against_differences(case):
     sizes = np.ones(q.size)
     closure = chain.at(q).closure
     residual = gradient_of(lambda d: chain.at(q + d).residual, sizes)
-    assert np.abs(closure.jacobian - residual).max() <= FIRST_DIFFERENCES
+    assert absolute_error(closure.jacobian, residual) <= FIRST_DIFFERENCES
     N = null_space(closure.jacobian)
     dJ = gradient_of(lambda d: chain.at(q + d).closure.jacobian, sizes)
     for _ in range(3):
         lam = rng.normal(size=len(residual))
         second = N.T @ np.einsum("k,kab->ab", lam, dJ) @ N
-        assert np.abs(N.T @ closure.curvature(lam) @ N - second).max() <= SECOND_DIFFERENCES
+        assert absolute_error(N.T @ closure.curvature(lam) @ N, second) <= SECOND_DIFFERENCES
 
 
 def test_reduced_energy_is_least():
@@ -290,7 +291,7 @@ def test_reduced_energy_is_least():
     x = np.array([0.03, -0.02, 0.01, 0.02, 0.01, -0.03])
     target = reduced.pose0 @ exp_reference(x)
     q, _ = reduced.solve(target)
-    assert np.abs(frame_pose(arm.model, q, "tip") - target).max() <= ASSEMBLED
+    assert absolute_error(frame_pose(arm.model, q, "tip"), target) <= ASSEMBLED
     z = np.linalg.svd(body_jacobian(arm.model, q, "tip"))[2][-1]
     for t in (-0.05, 0.05):
         other = q + t * z

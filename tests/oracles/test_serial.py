@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from tests.doors import Chain, plain_tree
 from tests.support import (
+    absolute_error,
     adjoint_reference,
     body_jacobian,
     frame_pose,
@@ -158,7 +159,7 @@ def test_curvature_is_the_symmetrised_derivative_of_the_jacobian(kinds):
         expected = np.einsum("k,kab->ab", W, dJ)
         expected = 0.5 * (expected + expected.T)
         got = motion.curvature(W)
-        assert np.abs(got - expected).max() <= DIFFERENCES * max(1.0, np.abs(expected).max())
+        assert absolute_error(got, expected) <= DIFFERENCES * max(1.0, np.abs(expected).max())
 
 
 def test_curvature_between_two_branches():
@@ -194,12 +195,12 @@ def test_curvature_between_two_branches():
             columns = [inverse @ dT[..., i] for i in range(6)]
             return np.stack([[m[2, 1], m[0, 2], m[1, 0], *m[:3, 3]] for m in columns], axis=1)
 
-        assert np.abs(T_a_b - pose(q)).max() <= KINEMATIC
-        assert np.abs(to_pose.jacobian - jacobian(np.zeros(6))).max() <= DIFFERENCES
+        assert absolute_error(T_a_b, pose(q)) <= KINEMATIC
+        assert absolute_error(to_pose.jacobian, jacobian(np.zeros(6))) <= DIFFERENCES
         W = rng.normal(size=6)
         dJ = np.einsum("k,kab->ab", W, gradient_of(jacobian, np.ones(6)))
         # Two nested differences.
-        assert np.abs(to_pose.curvature(W) - 0.5 * (dJ + dJ.T)).max() <= 1e-9
+        assert absolute_error(to_pose.curvature(W), 0.5 * (dJ + dJ.T)) <= 1e-9
 
 
 def test_joint_springs_at_rest_give_the_classical_matrix():

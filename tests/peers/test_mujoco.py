@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.mechanisms.machines import write_file
-from tests.support import log_reference, relative_error
+from tests.support import absolute_error, log_reference, relative_error
 
 from cartstiff import DeadForce, FollowerWrench, equilibrium, load
 
@@ -145,7 +145,7 @@ def test_arm(tmp_path, kind, more):
     q = peer.settled(_start(elastic, peer), **LOADS[kind])
     T = peer.tip(q)
     if not more:  # the bystander weighs, but its link is no part of the chain
-        assert np.abs(state.pose - T).max() <= STATE
+        assert absolute_error(state.pose, T) <= STATE
         _tangent(state, peer, q, LOADS[kind])
 
 
@@ -195,7 +195,7 @@ def test_loop(tmp_path, kind):
     order = [peer.model.joint(name).qposadr[0] for name in elastic.names]
     start[order] = state.q
     q = peer.settled(start + 1e-2, **plane)
-    assert np.abs(state.pose - peer.tip(q)).max() <= STATE
+    assert absolute_error(state.pose, peer.tip(q)) <= STATE
     if kind == "follower":
         return  # two freedoms do not say which part of the load the linkage itself carries
     # The tip's displacement per force in the plane.

@@ -29,6 +29,7 @@ from tests.support.builders import (
 )
 from tests.support.oracles import (
     ReducedEnergy,
+    absolute_error,
     adjoint_reference,
     bend,
     body_jacobian,
@@ -49,6 +50,7 @@ from tests.support.oracles import (
     twist_matrix,
     twist_of,
 )
+from tests.support.refusals import refused
 from tests.support.robots import read_mesh
 from tests.support.samplers import (
     ROTATION_ANGLES,
@@ -67,6 +69,7 @@ __all__ = [
     "Arm",
     "LegGeometry",
     "ReducedEnergy",
+    "absolute_error",
     "add_chain",
     "add_frame",
     "adjoint_reference",
@@ -100,6 +103,7 @@ __all__ = [
     "random_pose",
     "read_mesh",
     "reference",
+    "refused",
     "relative_error",
     "robot_file",
     "rotation",

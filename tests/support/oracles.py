@@ -18,6 +18,11 @@ from scipy.spatial.transform import Rotation
 _ANGULAR_FIRST = [3, 4, 5, 0, 1, 2]
 
 
+def absolute_error(got: Any, expected: Any) -> float:
+    """Largest difference."""
+    return float(np.abs(np.subtract(got, expected)).max())
+
+
 def relative_error(got: Any, expected: Any) -> float:
     """Largest difference over the largest entry expected."""
     got, expected = np.asarray(got, float), np.asarray(expected, float)

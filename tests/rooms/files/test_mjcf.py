@@ -5,20 +5,19 @@ from __future__ import annotations
 import random
 import warnings
 
-import pytest
 from tests.inner import reading as mjcf
 from tests.inputs.mjcf_tool import compile_here, mutant, verdict
 from tests.mechanisms.test_mjcf_meaning import FINGER, arm
+from tests.support import refused
 
-from cartstiff import InputError, load
+from cartstiff import load
 from cartstiff.core.errors import MissingDependencyError
 
 
 def test_without_mujoco_one_line_says_what_to_install(tmp_path, monkeypatch):
     path = arm(tmp_path)
     monkeypatch.setattr(mjcf.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(MissingDependencyError, match=r"pip install 'cartstiff\[mjcf\]'"):
-        load(path)
+    refused(r"pip install 'cartstiff\[mjcf\]'", load, path, kind=MissingDependencyError)
 
 
 def test_a_compiler_that_breaks_down_is_an_answer(tmp_path, monkeypatch):
@@ -32,8 +31,7 @@ def test_a_compiler_that_breaks_down_is_an_answer(tmp_path, monkeypatch):
         ("print('{')", "broke down"),
     ):
         worker.write_text(body)
-        with pytest.raises(InputError, match=words):
-            load(path)
+        refused(words, load, path)
 
 
 def test_the_process_of_its_own_answers_as_this_one(tmp_path):
