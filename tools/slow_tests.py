@@ -35,7 +35,6 @@ ALWAYS = (
     "tests/inputs/test_fuzz_harness.py::test_damaged_files_are_read_or_refused",
     "tests/inputs/test_refused.py::",
     "tests/laws/test_every_answer.py::test_text_and_json_of_an_identification",
-    "tests/laws/test_gradients.py::test_a_platform_and_the_same_as_a_closed_chain[translation",
     "tests/rooms/recorded/test_kernels.py::test_the_gradient_costs_at_most_four_times_its_objective",
     "tests/laws/test_program.py::test_c_is_the_program",
     "tests/maps/test_map_files.py::test_threads_that_begin_one_map_at_once",

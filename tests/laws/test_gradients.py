@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from tests.doors import derivative_with_error
 from tests.support import refused
 from tests.support.builders import (
     general_legs,
     legs_as_platform,
     legs_as_tree,
     loaded_arm,
-    serial_model,
 )
 
 import cartstiff
@@ -22,7 +22,8 @@ from cartstiff import UndefinedError
 from cartstiff.core.errors import UnknownNameError
 
 WRENCH = np.array([1.0, -2.0, 0.5, 30.0, -20.0, 40.0])
-STEP = 1e-3
+#: A difference of eighth order has lost so much of the change per natural size.
+LIMIT = 1e-7
 
 
 def central(f: Any, step: float) -> float:
@@ -55,211 +56,155 @@ def shown(value: float, of: Any, scale: float) -> None:
     assert value == pytest.approx(of, rel=2e-7, abs=2e-9 * scale)
 
 
-def check(elastic: Any, q: Any, quantity: Any, **load: Any) -> int:
-    """Compare derivatives by coordinates, springs and load with differences of `analyse`."""
-    given = {"connection": "B", "length": 0.3} if isinstance(quantity, str) else {}
-    found = cartstiff.gradient(elastic, q, of=quantity, **given, **load)
-    exact = {slope.name: slope for slope in found if slope.is_exact}
-    assert exact, found.why
-    names = list(elastic.names)
-
-    def seen(mechanism: Any, at: Any, **other: Any) -> float:
-        result = cartstiff.analyse(mechanism, at, **{**load, **other})
-        if quantity == "translation_free_min":
-            return float(1.0 / np.linalg.eigvalsh(result.compliances["B"][3:, 3:])[-1])
-        if quantity == "rotation_held_max":
-            return float(np.linalg.eigvalsh(result.matrices["B"][:3, :3])[-1])
-        return float(quantity(result.tangent, result.wrench, result.pose))
-
-    assert found.value == pytest.approx(seen(elastic, q), rel=1e-10)
-
-    compared = 0
-    for name, slope in exact.items():
-        group, _, rest = name.partition(".")
-        if group == "q":
-            j = names.index(rest)
-
-            def moved(h: float, j: int = j) -> float:
-                at = np.array(q, float)
-                at[j] += h
-                return seen(elastic, at)
-
-            reference = central(moved, STEP)
-        elif group == "stiffness":
-            i = elastic.spring_names.index(rest)
-
-            def stiffer(h: float, i: int = i) -> float:
-                k = np.array(elastic.springs.stiffness)
-                k[i] += h
-                return seen(elastic.with_springs(stiffness=k.tolist()), q)
-
-            size = float(elastic.springs.stiffness[i])
-            shown(slope.value * size, central(stiffer, STEP * size) * size, abs(found.value))
-            compared += 1
-            continue
-        elif group == "load":
-            i = ("mx", "my", "mz", "fx", "fy", "fz").index(rest)
-
-            def loaded(h: float, i: int = i) -> float:
-                wrench = np.array(load["wrench"], float)
-                wrench[i] += h
-                return seen(elastic, q, wrench=wrench)
-
-            reference = central(loaded, 0.1)
-        else:
-            continue
-        shown(slope.value, reference, abs(found.value))
-        compared += 1
-    return compared
+def _cases(count: int, is_quick: Callable[[int], bool]) -> list[Any]:
+    """Seeds; those that are not quick run with the thorough tests."""
+    later = pytest.mark.thorough
+    return [s if is_quick(s) else pytest.param(s, marks=later) for s in range(count)]
 
 
-@pytest.mark.parametrize("quantity", ["translation_free_min", "rotation_held_max", mixed])
-@pytest.mark.parametrize("kinds", ["RRRRRR", "RPRRHR", "RRRRRRR", "RRPRRRRRR"])
-def test_an_arm_under_a_load(kinds, quantity):
-    arm = loaded_arm(kinds, seed=len(kinds))
-    # Self-motions on such soft springs buckle under more.
-    force = WRENCH if len(kinds) < 9 else 0.1 * WRENCH
-    load = {"wrench": force, "load_at": (0.02, -0.01, 0.05), "load_axes": "world"}
-    assert check(arm.elastic, arm.q, quantity, **load) == 2 * len(kinds) + 6
+def placed(K: Any, W: Any, T: Any) -> Any:
+    """One of load and place, for fewer than six freedoms, which have no stiffness."""
+    return T[0, 3] + 0.5 * T[1, 3] * T[0, 1] + 0.01 * (W[0] + W[5]) * T[1, 3]
 
 
-@pytest.mark.parametrize("load_kind", ["dead", "follower", "conservative"])
-def test_every_kind_of_load_has_its_tangent(load_kind):
-    arm = loaded_arm("RRRRRR", seed=3)
-
-    def tangent(K: Any, W: Any, T: Any) -> Any:
-        return K[0, 1] + K[2, 2] + 0.1 * K[3, 5]
-
-    found = cartstiff.gradient(
-        arm.elastic, arm.q, of=tangent, wrench=WRENCH, load_kind=load_kind, by="load"
-    )
-    for i, slope in enumerate(found):
-
-        def at(h: float, i: int = i) -> float:
-            wrench = WRENCH + h * np.eye(6)[i]
-            result = cartstiff.analyse(arm.elastic, arm.q, wrench=wrench, load_kind=load_kind)
-            return float(tangent(result.tangent, None, None))
-
-        assert slope.is_exact
-        shown(slope.value, central(at, 0.1), abs(found.value))
+def arm(seed: int, rng: np.random.Generator) -> tuple[Any, Any]:
+    """An arm of 1 to 9 joints, some of them slides or screws, under its weight or not."""
+    count = 1 + seed // 5 % 9
+    kinds = "".join(rng.choice([*"RRRPH"], count))
+    built = loaded_arm(kinds, seed=seed)
+    elastic = built.elastic
+    stiff = rng.uniform(1.0, 3.0, count) * 2e4
+    elastic = replace(elastic, springs=elastic.springs.replaced(stiff, np.full(count, np.nan)))
+    elastic = elastic.with_gravity([0.3, -1.0, -9.0]) if rng.random() < 0.5 else elastic
+    return elastic, built.q
 
 
-@pytest.mark.parametrize("quantity", ["translation_free_min", mixed])
-def test_a_platform_and_the_same_as_a_closed_chain(quantity):
-    legs = general_legs()
-    platform = legs_as_platform(legs)
-    assert check(platform, legs.q, quantity, wrench=WRENCH) == 18
-    _, tree = legs_as_tree(legs)
-    assert check(tree, tree.q, quantity, wrench=WRENCH) == 18
-    both = [
-        cartstiff.gradient(
-            e, of="translation_free_min", connection="B", by="stiffness", wrench=WRENCH
-        )
-        for e in (platform, tree)
-    ]
-    of_legs, of_slides = ([slope.value for slope in each] for each in both)
-    np.testing.assert_allclose(of_legs, of_slides, rtol=1e-9)
+def platform(_: int, rng: np.random.Generator) -> tuple[Any, Any]:
+    """Six legs between random points."""
+    legs = general_legs(int(rng.integers(1000)))
+    return legs_as_platform(legs), legs.q
 
 
-def test_places_of_joints_and_points():
-    """Against models whose joints and anchors stand elsewhere."""
-    rng = np.random.default_rng(8)
-    model = serial_model("RRRRRR", rng)
-    q = rng.uniform(-1.0, 1.0, 6)
-    k = rng.uniform(500.0, 900.0, 6).tolist()
-    arm = cartstiff.from_pinocchio(model, frame="tip").with_springs(stiffness=k)
-    found = cartstiff.gradient(arm, q, of=mixed, wrench=WRENCH, by=["placement", "frame"])
-    import pinocchio as pin
-
-    def other(joint: int, i: int, h: float) -> float:
-        changed = pin.Model(model)
-        T = model.jointPlacements[joint]
-        turn = Rotation.from_rotvec(h * np.eye(6)[i, 3:]).as_matrix()
-        changed.jointPlacements[joint] = pin.SE3(
-            T.rotation @ turn, T.translation + h * np.eye(6)[i, :3]
-        )
-        there = cartstiff.from_pinocchio(changed, frame="tip").with_springs(stiffness=k)
-        result = cartstiff.analyse(there, q, wrench=WRENCH)
-        return float(mixed(result.tangent, result.wrench, result.pose))
-
-    for joint in (2, 4, 6):
-        for i, axis in enumerate(("x", "y", "z", "rx", "ry", "rz")):
-            reference = central(lambda h, j=joint, i=i: other(j, i, h), STEP)
-            shown(found[f"placement.j{joint}.{axis}"], reference, abs(found.value))
-    assert all(slope.is_exact for slope in found)
-
-    legs = general_legs()
-    points = cartstiff.gradient(
-        legs_as_platform(legs), of=mixed, wrench=WRENCH, by=["base", "platform"]
-    )
-    for leg, axis in ((1, 0), (4, 2)):
-        for body, array in (("base", legs.base), ("platform", legs.platform)):
-
-            def moved(h: float, array: Any = array, leg: int = leg, axis: int = axis) -> float:
-                array[leg, axis] += h
-                result = cartstiff.analyse(legs_as_platform(legs), wrench=WRENCH)
-                array[leg, axis] -= h
-                return float(mixed(result.tangent, result.wrench, result.pose))
-
-            name = f"{body}.leg{leg + 1}.{'xyz'[axis]}"
-            shown(points[name], central(moved, STEP), abs(points.value))
+def loop(_: int, rng: np.random.Generator) -> tuple[Any, Any]:
+    """The same as a tree with closures."""
+    _, tree = legs_as_tree(general_legs(int(rng.integers(1000))))
+    return tree, tree.q
 
 
-def resting(elastic: Any, load: Any, by: Any, of: Any) -> Any:
-    """Gradient of what comes to rest again, all of it exact."""
-    found = cartstiff.gradient(elastic, of=of, by=by, comes_to_rest=True, **load)
-    assert found.question.startswith("it comes to rest again")
-    assert all(slope.is_exact for slope in found), found.why
-    return found
+def plane(_: int, rng: np.random.Generator) -> tuple[Any, Any]:
+    """A planar loop of fewer than six freedoms, of random springs."""
+    elastic = cartstiff.load("five-bar")
+    k = rng.uniform(0.5, 2.0, 2) * 800.0
+    names = ("left_motor", "right_motor")
+    return elastic.with_springs(dict(zip(names, k.tolist(), strict=True))), elastic.q
 
 
-@pytest.mark.parametrize("kind", ["dead", "follower"])
-def test_an_arm_comes_to_rest_again(kind):
-    """Against searches of other equilibria: springs, rest angles, load, masses, places."""
-    arm = cartstiff.load("ur5").with_gravity([0.0, 0.0, -9.81])
-    soft = arm.with_springs(stiffness=[3000.0, 2500.0, 2000.0, 800.0, 700.0, 600.0])
-    away = np.array([0.02, -0.05, 0.04, 0.03, 0.02, -0.04])
-    rest = (np.array(arm.q) + away).tolist()
-    axes = "world" if kind == "dead" else "body"
-    given = {"load_kind": kind, "load_at": (0.02, -0.01, 0.05), "load_axes": axes}
-
-    def seen(elastic: Any, wrench: Any = WRENCH) -> float:
-        state = cartstiff.equilibrium(elastic, wrench=wrench, **given)
-        held = state.elastic_stiffness
-        tangent = state.stiffness.matrices["A"]
-        return float(mixed(tangent, held.wrench, held.pose))
-
-    at = soft.with_springs(rest=rest)
-    by = ["stiffness", "rest", "load", "mass", "placement.elbow_joint", "frame"]
-    found = resting(at, {"wrench": WRENCH, **given}, by, mixed)
-    assert found.value == pytest.approx(seen(at), rel=1e-9)
-    numbers = at.numbers()
-    for slope in found:
-        if slope.name.startswith("load"):
-            unit = np.eye(6)[["mx", "my", "mz", "fx", "fy", "fz"].index(slope.name[5:])]
-            value, step = (lambda h, unit=unit: seen(at, WRENCH + h * unit)), 0.5
-        else:
-            x, step = numbers[slope.name].value, STEP * slope.size
-
-            def value(h: float, name: str = slope.name, x: float = x) -> float:
-                return seen(at.with_numbers({name: x + h}))
-
-        size = slope.size
-        shown(slope.value * size, central(value, step) * size, abs(found.value))
+def cables(_: int, rng: np.random.Generator) -> tuple[Any, Any]:
+    """Eight cables, away from the middle."""
+    elastic = cartstiff.load("cable-robot")
+    away = rng.uniform(-0.05, 0.05, 6) * [1, 1, 1, 0.5, 0.5, 0.5]
+    return elastic, np.asarray(elastic.q) + away
 
 
-def test_masses_under_weight():
-    arm = loaded_arm("RRRRRR", seed=4)
-    heavy = arm.elastic.with_gravity([0.0, 0.0, -9.81])
-    found = cartstiff.gradient(heavy, arm.q, of=mixed, wrench=WRENCH, by=["mass"])
-    quotients = [slope for slope in found if not slope.is_exact]
-    assert not quotients, found.why
-    assert len(found.slopes) >= 1
+FAMILIES: tuple[Callable[[int, np.random.Generator], tuple[Any, Any]], ...] = (
+    arm,
+    platform,
+    loop,
+    plane,
+    cables,
+)
 
 
 def with_mass(arm: Any, mass: float) -> Any:
     """More at the frame's origin, or less."""
     return replace(arm, mechanism=arm.mechanism.with_mass(mass, np.zeros(3)))
+
+
+def drawn(seed: int) -> tuple[Any, Any, dict[str, Any], np.random.Generator]:
+    """A random mechanism, a posture, a load if there is one, and what draws on."""
+    rng = np.random.default_rng(seed)
+    elastic, q = FAMILIES[seed % 5](seed, rng)
+    kind = rng.choice(["none", "none", "dead", "dead", "dead", "follower", "conservative"])
+    if kind == "conservative" and seed // 5 % 2:  # the search of a rest puts on several loads
+        kind = "follower"
+    load = {
+        "wrench": rng.uniform(-1.0, 1.0, 6) * [2.0, 2.0, 2.0, 20.0, 20.0, 20.0],
+        "load_kind": str(kind),
+        "load_at": rng.uniform(-0.05, 0.05, 3),
+        "load_axes": "world" if kind == "dead" else "body",
+    }
+    return elastic, q, load if kind != "none" else {}, rng
+
+
+class Case:
+    """A random mechanism, question, load and objective, with its exact gradient."""
+
+    def __init__(self, seed: int) -> None:
+        self.elastic, self.q, self.load, self.rng = drawn(seed)
+        self.comes_to_rest, few = bool(seed // 5 % 2), len(self.q) < 6 or seed % 5 == 3
+        if self.comes_to_rest:  # rest positions stay
+            self.elastic = cartstiff.analyse(self.elastic, self.q).elastic
+        objectives: Any = (placed,) if few else (mixed, "translation_free_min", "rotation_held_max")
+        self.of = objectives[self.rng.integers(len(objectives))]
+        how = {"connection": "B", "length": 0.3} if isinstance(self.of, str) else {}
+        how |= {"of": self.of, "comes_to_rest": self.comes_to_rest}
+        self.found = cartstiff.gradient(self.elastic, self.q, **how, **self.load)
+        # Nothing that the answer names is left to difference quotients.
+        assert all(slope.is_exact for slope in self.found), self.found.why
+        self.given = self.load
+        if not (self.load or self.comes_to_rest or np.isnan(self.elastic.springs.rest).all()):
+            self.given = {"wrench": cartstiff.analyse(self.elastic, self.q).wrench}
+        assert self.found.value == pytest.approx(self.seen({}), rel=1e-9)
+
+    def seen(self, change: dict[str, float]) -> float:
+        """The objective where some numbers are others: of another answer of the core."""
+        numbers, given, q = dict[str, float](), dict(self.given), np.array(self.q, float)
+        for name, step in change.items():
+            group, _, rest = name.partition(".")
+            if group == "q":
+                q[self.elastic.names.index(rest)] += step
+            elif group == "load":
+                at = ("mx", "my", "mz", "fx", "fy", "fz").index(rest)
+                given["wrench"] = given["wrench"] + step * np.eye(6)[at]
+            elif name != "payload":
+                numbers[name] = self.elastic.numbers()[name].value + step
+        elastic = with_mass(self.elastic.with_numbers(numbers), change.get("payload", 0.0))
+        if self.comes_to_rest:
+            state = cartstiff.equilibrium(elastic, q, **given)
+            result, tangent = state.elastic_stiffness, state.stiffness.matrices["A"]
+        else:
+            result = cartstiff.analyse(elastic, q, **given)
+            tangent = result.tangent
+        if self.of == "translation_free_min":
+            return float(1.0 / np.linalg.eigvalsh(result.compliances["B"][3:, 3:])[-1])
+        if self.of == "rotation_held_max":
+            return float(np.linalg.eigvalsh(result.matrices["B"][:3, :3])[-1])
+        K = tangent if self.load else result.matrices["B"]
+        return float(self.of(K, result.wrench, result.pose))
+
+    def along(self, change: dict[str, float], least: float) -> None:
+        """Compare the derivative along a change of numbers with a difference."""
+
+        def there(h: float) -> np.ndarray:
+            return np.array([self.seen({name: h * x for name, x in change.items()})])
+
+        wanted, error = (float(x[0]) for x in derivative_with_error(there, 5e-4))
+        parts = [self.found[name] * x for name, x in change.items()]
+        scale = max(abs(wanted), float(np.abs(parts).sum()), least * abs(self.found.value))
+        assert abs(sum(parts) - wanted) <= max(LIMIT * scale, 3.0 * error), change
+
+
+@pytest.mark.parametrize("seed", _cases(300, lambda seed: seed < 60))
+def test_along_a_change_of_all_numbers(seed: int) -> None:
+    case = Case(seed)
+    case.along({x.name: case.rng.uniform(-1.0, 1.0) * x.size for x in case.found}, 0.0)
+
+
+@pytest.mark.parametrize("seed", _cases(300, lambda seed: seed in (0, 31, 93)))
+def test_along_each_number_alone(seed: int) -> None:
+    case = Case(seed)
+    for slope in case.found:
+        case.along({slope.name: slope.size}, 0.02)
 
 
 @pytest.mark.parametrize("comes_to_rest", [False, True])
