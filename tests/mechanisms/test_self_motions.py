@@ -5,9 +5,9 @@ import pytest
 from scipy.linalg import null_space
 from tests.mechanisms.machines import codes, joint, note, six_chains, write_file, write_urdf
 from tests.mechanisms.oracle import natural_error
-from tests.support import body_jacobian, frame_pose, loaded_arm, relative_error, slope
+from tests.support import body_jacobian, frame_pose, loaded_arm, refused, relative_error, slope
 
-from cartstiff import analyse, load
+from cartstiff import UndefinedError, analyse, load
 
 SAME = 1e-9
 ROUNDING = 1e-10
@@ -55,9 +55,14 @@ def test_unbalanced_spin(tmp_path):
     result = analyse(six_chains(tmp_path, spins=True, spin={"stiffness": 3.0, "rest": -0.2}))
     found = note(result, "unbalanced")
     assert result.wrench is None
-    assert all(K is None for K in result.matrices.values())
+    assert {*result.matrices.values(), *result.compliances.values()} == {None}
     assert found.values["largest"] > 0.01
     torque = np.array(found.values["unbalanced_torque"])
+    assert found.values["largest"] == pytest.approx(np.abs(torque).max(), rel=1e-9)
+    words = "no wrench at the end-effector balances"
+    caught = refused(words, analyse, result.elastic, strict=True, kind=UndefinedError)
+    assert caught.code == "unbalanced"
+    refused("no wrench", result.tensor, "F", kind=UndefinedError)
     # What is reported is the springs' torque along the self-motion, joint by joint.
     tied = np.concatenate([result.posture.motion.jacobian, result.posture.closure.jacobian])
     scaled = tied * result.posture.coordinate_lengths
@@ -92,6 +97,7 @@ def test_buckled_arm(seed):
             continue
         found = note(result, "buckled")
         assert result.matrices["B"] is None
+        refused("self-motion is unstable", result.tensor, "B", kind=UndefinedError)
         (eigenvalue,) = found.values["self_motion_stiffness"]
         assert eigenvalue == pytest.approx(stable * (1 - factor), rel=DIFFERENCES)
         direction = np.array(found.values["direction"])

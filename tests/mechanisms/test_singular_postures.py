@@ -4,9 +4,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from tests.mechanisms.machines import codes, note, write_file
-from tests.support import body_jacobian, relative_error, robot_file
+from tests.support import body_jacobian, refused, relative_error, robot_file
 
-from cartstiff import analyse, load
+from cartstiff import UndefinedError, analyse, load
 
 ROUNDING = 1e-12
 # Rank decisions are taken at 1e-10 of the largest singular value.
@@ -86,9 +86,16 @@ def test_similar_hexagons_at_a_right_angle(tmp_path, turn):
     assert np.abs(screw[[0, 1, 3, 4]]).max() <= 1e-9
     assert abs(screw[2]) > 0.1
     assert abs(screw[5]) > 0.01
+    assert codes(result)[0] == "type-2-singularity"
     assert result.matrices["F"] is None
     assert result.jacobian is None
     assert result.compliances["B"] is None
+    words = "do not determine the pose"
+    caught = refused(words, result.tensor, "F", kind=UndefinedError)
+    assert caught.code == "type-2-singularity"
+    refused(words, result.flat_connection, kind=UndefinedError)
+    lengths, back = np.full(6, 0.9), result.elastic.mechanism.forward_kinematics
+    refused("type-2 singularity", back, lengths, result.q, kind=UndefinedError)
 
 
 def test_hexagons_joined_corner_to_corner(tmp_path):
