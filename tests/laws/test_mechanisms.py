@@ -25,7 +25,6 @@ from tests.support import (
     cross_matrix,
     exp_reference,
     general_legs,
-    gradient_of,
     legs_as_platform,
     legs_as_tree,
     loaded_arm,
@@ -352,14 +351,6 @@ def test_forward_kinematics_of_the_paper():
     q = np.array([0.4, -0.3, 0.5, 0.05, -0.04, 0.06])
     found = platform.forward_kinematics(platform.leg_lengths(q), np.zeros(6))
     assert absolute_error(found, q) <= 1e-9
-
-
-def test_platform_jacobian_is_that_of_the_legs():
-    legs = general_legs()
-    result = analyse(legs_as_platform(legs))
-    platform = result.elastic.mechanism
-    rows = gradient_of(lambda x: platform.leg_lengths(platform.displaced(legs.q, x)), np.ones(6))
-    assert relative_error(np.linalg.inv(result.jacobian), rows) <= 1e-9
 
 
 @pytest.mark.parametrize("count", [3, 5, 7, 8])

@@ -15,6 +15,7 @@ import pytest
 from scipy.linalg import null_space
 from tests.doors import Chain, Closure, plain_tree
 from tests.support import (
+    LegGeometry,
     ReducedEnergy,
     absolute_error,
     add_chain,
@@ -31,7 +32,7 @@ from tests.support import (
     mass_energy,
     mass_gradient,
     matrices_from,
-    paper_platform,
+    paper_geometry,
     random_pose,
     relative_error,
     spring_energy,
@@ -134,9 +135,12 @@ def test_six_ups_tree(case):
     check(result, reduced_energy(model, elastic, "platform", elastic.q, **_ties()))
 
 
-def test_tree_with_closures_equals_line_springs():
+@pytest.mark.parametrize("which", ["general", "paper"])
+def test_tree_with_closures_equals_line_springs(which):
     """Six UPS legs with springs in the prismatic joints are six line springs."""
-    legs = general_legs()
+    base, platform, k, rest = paper_geometry()
+    paper = LegGeometry(base, platform, np.zeros(6), k, rest)
+    legs = general_legs() if which == "general" else paper
     _, tree = legs_as_tree(legs)
     a, b = analyse(tree), analyse(legs_as_platform(legs))
     assert relative_error(a.pose, b.pose) <= ASSEMBLED
@@ -146,27 +150,6 @@ def test_tree_with_closures_equals_line_springs():
         assert relative_error(a.matrices[name], b.matrices[name]) <= EQUIVALENT, name
         assert relative_error(a.compliances[name], b.compliances[name]) <= EQUIVALENT, name
     assert relative_error(a.F.connection.symbols, b.F.connection.symbols) <= EQUIVALENT
-
-
-def test_paper_platform_as_a_tree():
-    from tests.support import LegGeometry, paper_geometry
-
-    base, platform, k, rest = paper_geometry()
-    _, tree = legs_as_tree(LegGeometry(base, platform, np.zeros(6), k, rest))
-    a, b = analyse(tree), analyse(paper_platform())
-    for name in "ABKF":
-        assert relative_error(a.matrices[name], b.matrices[name]) <= EQUIVALENT, name
-
-
-def test_idle_spins_change_nothing():
-    """Legs free to turn about themselves: idle self-motions, named, and the same matrices."""
-    legs = general_legs()
-    _, plain = legs_as_tree(legs)
-    _, spinning = legs_as_tree(legs, spins=True)
-    a, b = analyse(spinning), analyse(plain)
-    assert [n.code for n in a.notes if n.code != "kf-undefined"] == ["idle-self-motion"]
-    for name in "ABK":
-        assert relative_error(a.matrices[name], b.matrices[name]) <= EQUIVALENT, name
 
 
 def test_flat_connection_of_actuated_joints():

@@ -9,7 +9,15 @@ from scipy.optimize import brentq
 from tests.doors import Chain, plain_tree
 from tests.mechanisms.machines import write_file
 
-from cartstiff import DeadForce, ElasticMechanism, JointSprings, equilibrium, load, load_curve
+from cartstiff import (
+    DeadForce,
+    ElasticMechanism,
+    JointSprings,
+    analyse,
+    equilibrium,
+    load,
+    load_curve,
+)
 
 LENGTH, STIFFNESS = 0.7, 3.0
 # Smallest P l / k of n equal links, each joint with a spring, the base one included.
@@ -92,6 +100,10 @@ def test_a_loaded_planar_arm():
     expected = np.array([[480.0, 739.008344562721], [739.008344562721, 1654.21367205046]])
     assert np.allclose(loaded.q, q, rtol=0, atol=1e-13)
     assert np.allclose(stiffness_in_base_axes(loaded), expected, rtol=1e-11)
+    # The same of the posture alone, whose rest positions follow from the load.
+    here = analyse(arm, wrench=[0, 0, 0, *force], load_axes="world")
+    C = here.pose[:2, :2] @ here.tangent_compliance[3:5, 3:5] @ here.pose[:2, :2].T
+    assert np.allclose(np.linalg.inv(C), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("axial", [1e4, 1e10])
