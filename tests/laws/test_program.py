@@ -252,45 +252,6 @@ def function_in_c(source: str, folder: Path, *words: str) -> Any:
     return lambda *arrays: function(*(a.ctypes.data_as(doubles) for a in arrays))
 
 
-@pytest.mark.parametrize(
-    ("name", "outputs", "loaded", "spread"),
-    [
-        ("ur5", ["B"], True, 0.05),
-        ("stewart-gough", ["K", "wrench"], False, 0.05),
-        ("five-bar", ["compliance_B", "pose"], True, 0.2),
-        *later(
-            ("ur5", ["B", "compliance_load", "pose"], True, 0.05),
-            ("6-pus", ["compliance_B", "pose"], False, 0.05),
-            ("panda", ["compliance_B"], False, 0.05),
-            ("grasp", ["B", "wrench"], False, 0.05),
-        ),
-    ],
-)
-def test_c_is_the_program(name, outputs, loaded, spread, tmp_path):
-    elastic = cartstiff.load(name)
-    inputs = ("stiffness",) if name == "panda" else ()
-    program = cartstiff.record(elastic, outputs, loaded=loaded, inputs=inputs)
-    more = [1.1 * elastic.springs.stiffness] if inputs else []
-    numbers = dict(zip(inputs, more, strict=True))
-    source = program.source("c", "stiffness")
-    assert f"  0: {elastic.names_with_units[0]}" in source
-    function = function_in_c(source, tmp_path, "-O2")
-    out = np.zeros(sum(program(elastic.q, *[LOAD] * loaded)[n].size for n in program.names))
-    plain, share = 0, 1e-12 if name == "grasp" else 1e-13  # its body spins at nearly no cost
-    for q in postures(elastic, 1000, spread):
-        here = q.copy()
-        left = function(here, *[LOAD] * loaded, *more, out)
-        answer = program(q, *[LOAD] * loaded, **numbers)
-        assert bool(left) is not answer.is_plain
-        if not left:
-            plain += 1
-            found = np.concatenate([answer[n].ravel() for n in program.names])
-            sizes = [np.full(answer[n].size, np.abs(answer[n]).max()) for n in program.names]
-            assert (np.abs(out - found) <= share * np.concatenate(sizes)).all()
-            assert absolute_error(here, answer.q) <= share
-    assert plain > 500
-
-
 def test_a_stiffness_that_is_zero_about_an_axis_is_plain():
     """About the line through two fingers the diagonal is round-off, here exactly zero."""
     elastic, known = cartstiff.load("grasp"), {}
@@ -312,7 +273,10 @@ def by_source(program, language: str, folder: Path) -> Any:
         program(program.elastic.q, *[LOAD] * program.is_loaded)[n].size for n in program.names
     )
     if language == "c":
-        function, known = function_in_c(source, folder, "-O0"), []
+        function, known = (
+            function_in_c(source, folder, "-O2" if len(source) < 200_000 else "-O0"),
+            [],
+        )
     elif language == "python":
         exec(source, known := {})
     elif language == "jax":
@@ -355,9 +319,14 @@ LANGUAGES = ["c", "jax", "python", "javascript"]
 @pytest.mark.parametrize(
     ("name", "outputs", "load", "spread"),
     [
-        ("ur5", ["B", "wrench"], 1.0, 0.1),
+        ("ur5", ["B", "compliance_load", "wrench"], 1.0, 0.1),
         ("five-bar", ["pose", "compliance_load"], 1.0, 1.5),
         *later(
+            ("stewart-gough", ["K", "wrench"], 0.0, 0.05),
+            ("five-bar", ["compliance_B", "pose"], 1.0, 0.2),
+            ("6-pus", ["compliance_B", "pose"], 0.0, 0.05),
+            ("panda", ["compliance_B"], 0.0, 0.05),
+            ("grasp", ["B", "wrench"], 0.0, 0.05),
             ("6-ups", ["B", "wrench"], 1.0, 0.3),
             ("3-rrr", ["pose", "wrench"], 0.0, 0.3),
             ("3-rrr", ["B", "wrench"], 0.1, 0.05),
@@ -370,23 +339,29 @@ def test_every_source_is_the_program(name, outputs, load, spread, language, tmp_
     """Also where a chain closes, far from where it was drawn, and links bend under the load."""
     example = Path(__file__).resolve().parents[2] / "examples" / f"{name}.yaml"
     elastic = cartstiff.load(example if example.exists() else name)
-    program = cartstiff.record(elastic, outputs, loaded=load > 0.0)
-    given, Q = [load * LOAD] * (load > 0.0), postures(elastic, 12, spread)
-    Q[:, sorted(elastic.mechanism.virtual)] = 0.0
+    inputs = ("stiffness",) if name == "panda" else ()
+    program = cartstiff.record(elastic, outputs, loaded=load > 0.0, inputs=inputs)
+    given = [load * LOAD] * (load > 0.0) + [1.1 * elastic.springs.stiffness] * len(inputs)
+    numbers = dict(zip(inputs, given, strict=False))
+    many = language == "c" and spread <= 0.2 and name != "delta"
+    Q = postures(elastic, 1000 if many else 12, spread)
+    Q[:, sorted(getattr(elastic.mechanism, "virtual", ()))] = 0.0
+    assert f"  0: {elastic.names_with_units[0]}" in program.source("c", "stiffness")
     if name == "ur5":
         Q[0] = elastic.q
         Q[0, 4] = 0.0  # the wrist's axes align
     found, plain = by_source(program, language, tmp_path)(Q, *given), 0
+    share = 1e-13 if language == "c" and name != "grasp" else 1e-12  # its body spins at no cost
     for q, (is_plain, out, at) in zip(Q, found, strict=True):
-        answer = program(q, *given)
+        answer = program(q, *given[: load > 0.0], **numbers)
         assert bool(is_plain) is answer.is_plain
         if is_plain:
             plain += 1
             ends = np.cumsum([answer[n].size for n in program.names])[:-1]
             for output, part in zip(program.names, np.split(np.asarray(out), ends), strict=True):
-                close(part, answer[output].ravel(), 1e-12)
-            assert absolute_error(np.asarray(at), answer.q) <= 1e-12
-    assert plain >= 4
+                close(part, answer[output].ravel(), share)
+            assert absolute_error(np.asarray(at), answer.q) <= share
+    assert plain >= max(4, len(Q) // 2)
 
 
 @pytest.mark.parametrize(
@@ -491,7 +466,7 @@ def test_generated_mechanisms_and_set_ups(seed, tmp_path):
     # Numbers of the call, and the mechanism that has them.
     at, other = rng.uniform(-0.2, 0.2, 3), elastic
     numbers = {"load_at": at}
-    if seed % 3 and not elastic.mechanism.closures:
+    if seed % 3:
         numbers["tcp"] = rng.uniform(-0.3, 0.3, 6)
         moved = elastic.mechanism.with_tool(se3_tool(numbers["tcp"]))
         other = replace(other, mechanism=moved)
@@ -506,6 +481,9 @@ def test_generated_mechanisms_and_set_ups(seed, tmp_path):
     traced = in_jax(program.source("jax", "stiffness"))
     acting["load_at"], more = at.tolist(), [numbers[one] for one in inputs]
     usual = program(elastic.q, LOAD, **numbers)
+    recorded = cartstiff.analyse(elastic, wrench=LOAD, **{**acting, "load_at": [0.0, 0.0, 0.0]})
+    if (own := program(elastic.q, LOAD)).is_plain:  # what is not given is as recorded
+        close(own.compliance_load, recorded.tangent_compliance, 1e-9)
     shapes = {n: usual[n].shape for n in program.names if f"{n} (" in program.source("c")}
     sizes = [int(np.prod(shape)) for shape in shapes.values()]
     Q = [*postures(elastic, 6, 0.3), elastic.q, np.zeros_like(elastic.q)]
@@ -526,6 +504,9 @@ def test_generated_mechanisms_and_set_ups(seed, tmp_path):
             assert traced is None or not traced(q, LOAD, *more)[0]
             continue
         plain += 1
+        many = program.many([q], LOAD, **numbers)
+        close(many.compliance_load[0], answer.compliance_load)
+        assert many.to_xarray().attrs["load_at"] == acting["load_at"]
         assert answer.state in ("regular", "fewer-than-six-freedoms")
         tolerance = 1e-12 * max(1.0, *(np.linalg.cond(answer[name]) for name in kinds[2:]))
         if state != "regular":  # of fewer freedoms, whose compliance has no inverse
@@ -638,68 +619,6 @@ def test_many_are_each_under_its_own_load():
     assert np.isnan(found.B[1]).all()
 
 
-@pytest.mark.parametrize("name", ["ur5", "stewart-simscape", *later("panda", "6-ups", "hexapod")])
-@pytest.mark.parametrize("axes", ["body", "world"])
-def test_payload_and_the_load_s_point_may_be_inputs(name, axes):
-    elastic = cartstiff.load(name, gravity=[0.0, 1.0, -9.81])
-    program = cartstiff.record(
-        elastic,
-        ["load", "compliance_load", "wrench", "condition"],
-        loaded=True,
-        load_axes=axes,
-        load_kind="conservative",
-        inputs=["payload", "load_at"],
-    )
-    q, centre = postures(elastic, 1, 0.01)[0], np.array([0.01, -0.02, 0.03])
-    for mass, at in ((2.5, [0.02, 0.05, -0.03]), (0.0, [0.0, 0.0, 0.1])):
-        answer = program(q, LOAD, payload=[mass, *centre], load_at=at)
-        heavy = elastic.with_payload(mass, centre)
-        acting = {"load_axes": axes, "load_kind": "conservative", "load_at": at}
-        core = cartstiff.analyse(heavy, q, wrench=LOAD, **acting)
-        assert answer.is_plain
-        close(answer["load"], core.tangent)
-        close(answer.compliance_load, core.tangent_compliance)
-        close(answer.wrench, core.wrench)
-        many = program.many([q, q], LOAD, payload=[mass, *centre], load_at=at)
-        close(many.load[1], core.tangent)
-        close(many["condition"], answer.condition, 1e-9)
-        assert many.to_xarray().attrs["load_at"] == at
-    # What is not given is as recorded.
-    core = cartstiff.analyse(elastic, q, wrench=LOAD, load_axes=axes, load_kind="conservative")
-    close(program(q, LOAD)["load"], core.tangent)
-
-
-@pytest.mark.parametrize("name", ["ur5", *later("panda", "five-bar")])
-def test_the_tool_may_be_an_input(name, tmp_path):
-    """Everything in M, the load, its point and a payload, is then in the tool."""
-    elastic = cartstiff.load(name, gravity=[0.0, 1.0, -9.81])
-    acting = {"load_axes": "body", "load_kind": "dead", "load_at": [0.05, -0.02, 0.1]}
-    outputs = ["load", "wrench", "pose", "condition"]
-    inputs = ["tcp", "payload"] if name == "ur5" else ["tcp"]
-    program = cartstiff.record(elastic, outputs, loaded=True, inputs=inputs, **acting)
-    for q, tool in zip(
-        postures(elastic, 3, 0.05),
-        ([0.0] * 6, [0.1, -0.05, 0.2, 0.0, 0.0, 0.0], [0.02, 0.1, 0.15, 0.3, -0.5, 1.2]),
-        strict=True,
-    ):
-        given = {"tcp": tool, "payload": [2.0, 0.0, 0.01, 0.05]}
-        answer = program(q, LOAD, **{one: given[one] for one in inputs})
-        moved = elastic.mechanism.with_tool(se3_tool(tool))
-        other = replace(elastic, mechanism=moved)
-        if "payload" in inputs:
-            other = other.with_payload(2.0, [0.0, 0.01, 0.05])
-        core = cartstiff.analyse(other, q, wrench=LOAD, **acting)
-        assert answer.is_plain or name == "five-bar"
-        close(answer.pose, core.pose, 1e-14)
-        close(answer.wrench, core.wrench)
-        if name != "five-bar":
-            close(answer["load"], core.tangent)
-            many = program.many([q], LOAD, **{one: given[one] for one in inputs})
-            close(many.load[0], core.tangent)
-    hexapod = cartstiff.load("stewart-gough")
-    refused("the tool of a chain", cartstiff.record, hexapod, "B", inputs=["tcp"])
-
-
 def se3_tool(numbers):
     """Pose of a tool: translation, then roll, pitch, yaw."""
     T = np.eye(4)
@@ -715,8 +634,12 @@ def test_frequencies_are_those_with_the_payload():
     heavy = arm.with_payload(5.0, [0.0, 0.0, 0.1])
     expected = cartstiff.modes(heavy, arm.q).frequencies[0]
     given = {"payload": [5.0, 0.0, 0.0, 0.1]}
+    close(program(arm.q)["B"], cartstiff.analyse(arm).matrices["B"])  # as recorded
+    close(program(arm.q, **given)["B"], cartstiff.analyse(heavy, arm.q).matrices["B"])
     assert program(arm.q, **given).frequency_1 == pytest.approx(expected, rel=1e-9)
     assert program.many([arm.q], **given)["frequency_1"][0] == pytest.approx(expected, rel=1e-9)
+    hexapod = cartstiff.load("stewart-gough")
+    refused("the tool of a chain", cartstiff.record, hexapod, "B", inputs=["tcp"])
     refused("a number from zero", program, arm.q, payload=[-1.0, 0.0, 0.0, 0.0])
     refused("payload", program, arm.q, payload=[1.0])
     refused(
