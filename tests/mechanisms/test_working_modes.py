@@ -5,7 +5,12 @@ from itertools import product
 import numpy as np
 import pytest
 from tests.mechanisms.machines import joint, write_file, write_urdf
-from tests.mechanisms.test_pose_of_a_parallel_machine import CRANK, RADIUS, ROD, six_rus
+from tests.mechanisms.test_pose_of_a_parallel_machine import (
+    cosine_and_sine,
+    cranks,
+    six_rus,
+    wrapped,
+)
 from tests.support import absolute_error
 
 import cartstiff
@@ -15,31 +20,6 @@ from cartstiff import inverse_kinematics
 EXACT = 1e-10
 
 
-def cosine_and_sine(a, b, c):
-    """The two angles t with ``a cos t + b sin t = c``."""
-    middle, half = np.arctan2(b, a), np.arccos(c / np.hypot(a, b))
-    return [middle - half, middle + half]
-
-
-def cranks(T):
-    """Angles of the six cranks: each knee is a rod's length away from its ball."""
-    found = []
-    for k in range(6):
-        a = np.deg2rad(60 * k + (8 if k % 2 else -8))
-        b = np.deg2rad(60 * k + (-20 if k % 2 else 20))
-        t = a + np.pi / 2 * (-1) ** k
-        ball = T[:3, :3] @ [RADIUS[1] * np.cos(b), RADIUS[1] * np.sin(b), 0] + T[:3, 3]
-        d = ball - RADIUS[0] * np.array([np.cos(a), np.sin(a), 0])
-        # |d - CRANK e(turn)|^2 = ROD^2 with e = (cos t cos turn, sin t cos turn, -sin turn)
-        c = (d @ d + CRANK**2 - ROD**2) / (2 * CRANK)
-        found.append(cosine_and_sine(d[0] * np.cos(t) + d[1] * np.sin(t), -d[2], c))
-    return found
-
-
-def wrapped(angles):
-    return (np.asarray(angles) + np.pi) % (2 * np.pi) - np.pi
-
-
 def same_rows(found, wanted):
     """Each wanted row of angles stands once among those found."""
     assert found.shape == wanted.shape
@@ -47,16 +27,23 @@ def same_rows(found, wanted):
         assert (np.abs(wrapped(found - row)).max(axis=1) < EXACT).sum() == 1
 
 
+def solutions(machine, T, count, free="none"):
+    """The postures found at a pose, as many as are wanted, all of which have it."""
+    found = inverse_kinematics(machine, T, free=free)
+    assert len(found) == count
+    for q in found:
+        posture = machine.mechanism.at(q)
+        assert np.abs(posture.residual).max() < EXACT
+        reached = posture.pose if free == "none" else posture.pose[:3, 3]
+        assert absolute_error(reached, T if free == "none" else T[:3, 3]) < EXACT
+    return found
+
+
 @pytest.mark.parametrize("rpy", [(0.05, -0.1, 0.15), (-0.08, 0.02, -0.2)])
 def test_six_rus_has_sixty_four(rpy, tmp_path):
     machine = cartstiff.load(six_rus(tmp_path, pose={"xyz": [0.02, -0.01, 0.33], "rpy": list(rpy)}))
     T = machine.mechanism.at(machine.q).pose
-    found = inverse_kinematics(machine, T)
-    assert len(found) == 64
-    for q in found:
-        posture = machine.mechanism.at(q)
-        assert np.abs(posture.residual).max() < EXACT
-        assert absolute_error(posture.pose, T) < EXACT
+    found = solutions(machine, T, 64)
     own = [machine.names.index(f"leg{k + 1}/crank") for k in range(6)]
     same_rows(found[:, own], np.array(list(product(*cranks(T)))))
     assert found.search.legs == (2,) * 6
@@ -80,8 +67,7 @@ def test_of_many_combinations_the_nearest_are_listed(tmp_path):
 def test_planar_three_rrr_has_eight():
     machine = cartstiff.load("3-rrr")
     T = machine.mechanism.at(machine.q).pose
-    found = inverse_kinematics(machine, T)
-    assert len(found) == 8
+    found = solutions(machine, T, 8)
     # Crank and coupler are 0.3 m long; the motors stand on a ring of 0.4 m.
     grips = [
         (-0.04114773689465417, 0.1127247255416855),
@@ -96,32 +82,19 @@ def test_planar_three_rrr_has_eight():
     own = [machine.names.index(f"leg{k + 1}/motor") for k in range(3)]
     # The file's own numbers have sixteen digits.
     same_rows(found[:, own], np.array(list(product(*motors))))
-    for q in found:
-        assert np.abs(machine.mechanism.at(q).residual).max() < EXACT
 
 
 def test_delta_has_eight_and_six_ups_one():
     for name, count in (("delta", 8), ("6-ups", 1)):
         machine = cartstiff.load(name)
-        T = machine.mechanism.at(machine.q).pose
-        found = inverse_kinematics(machine, T)
-        assert len(found) == count
-        for q in found:
-            posture = machine.mechanism.at(q)
-            assert np.abs(posture.residual).max() < EXACT
-            assert absolute_error(posture.pose, T) < EXACT
+        solutions(machine, machine.mechanism.at(machine.q).pose, count)
 
 
 def test_five_bar_with_its_body_free_to_turn_has_four():
     machine = cartstiff.load("five-bar")
-    T = machine.mechanism.at(machine.q).pose
-    found = inverse_kinematics(machine, T, free="rotation")
+    found = solutions(machine, machine.mechanism.at(machine.q).pose, 4, "rotation")
     motors = found[:, [machine.names.index(n) for n in ("left_motor", "right_motor")]]
-    assert len(np.unique(np.round(motors, 6), axis=0)) == len(found) == 4
-    for q in found:
-        posture = machine.mechanism.at(q)
-        assert np.abs(posture.residual).max() < EXACT
-        assert absolute_error(posture.pose[:3, 3], T[:3, 3]) < EXACT
+    assert len(np.unique(np.round(motors, 6), axis=0)) == 4
 
 
 def test_a_leg_out_of_reach_leaves_none(tmp_path):
@@ -160,15 +133,11 @@ def test_legs_that_hang_on_the_body(tmp_path):
     )
     machine = cartstiff.load(file)
     T = machine.mechanism.at(machine.q).pose
-    found = inverse_kinematics(machine, T)
+    found = solutions(machine, T, 2)
     d = np.array([0.3, -0.2]) - T[:2, 3]
     knee = np.arccos((d @ d - 0.5**2 - 0.6**2) / (2 * 0.5 * 0.6))
     own = np.sort(found[:, machine.names.index("knee")])
     np.testing.assert_allclose(own, [-knee, knee], atol=EXACT)
-    for q in found:
-        posture = machine.mechanism.at(q)
-        assert np.abs(posture.residual).max() < EXACT
-        assert absolute_error(posture.pose, T) < EXACT
 
 
 @pytest.mark.parametrize(

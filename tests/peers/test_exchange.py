@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.peers.test_exchange_load import jacobian_of, mechanism, model_of
 from tests.support import relative_error
-from tests.support.mujoco_files import mujoco_file
 
 import cartstiff
 
@@ -14,24 +14,11 @@ LOAD = [5.0, -3.0, 2.0, 100.0, -50.0, -300.0]
 
 def test_mujoco_has_the_stiffness(tmp_path):
     """Forces of its tendons at small motions, in millimetres and under a load."""
-    mujoco = pytest.importorskip("mujoco")
-    body = {"mass": 3.0, "com": [1.0, 2.0, -3.0], "inertia": np.diag([2e4, 3e4, 4e4]).tolist()}
-    ring = {"radius": 200.0, "half_angle": 0.2}
-    platform = cartstiff.hexapod(
-        base=ring,
-        platform={**ring, "radius": 120.0},
-        height=250.0,
-        body=body,
-        turn=0.8,
-        legs={"stiffness": 2e3, "preload": [100.0, -50.0, 30.0, 20.0, 10.0, -70.0]},
-        units={"length": "mm", "force": "N"},
-        frame={"xyz": [3.0, -2.0, 10.0]},
-    )
+    legs = {"stiffness": 2e3, "preload": [100.0, -50.0, 30.0, 20.0, 10.0, -70.0]}
+    platform = mechanism("hexapod", legs)
     q = platform.q + np.array([5.0, -3.0, 4.0, 0.1, 0.05, -0.2])
     result = cartstiff.analyse(platform, q)
-    (tmp_path / "machine.xml").write_bytes(mujoco_file(result))
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "machine.xml"))
-    data = mujoco.MjData(model)
+    mujoco, model, data = model_of(result, tmp_path)
 
     def wrench(x):
         """Of the springs on the body's coordinates: force in the room, moment in the body."""
@@ -65,7 +52,6 @@ def test_mujoco_moves_a_chain_as_we_do(tmp_path, name):
 
     The posture is a little off the file's.
     """
-    mujoco = pytest.importorskip("mujoco")
     elastic = cartstiff.load(name)
     if elastic.mechanism.kind != "serial":
         drives = [elastic.names.index(n) for n in elastic.spring_names if n in elastic.names]
@@ -74,18 +60,14 @@ def test_mujoco_moves_a_chain_as_we_do(tmp_path, name):
         result = cartstiff.analyse(elastic, elastic.mechanism.closed(q).q)
     else:
         result = cartstiff.analyse(elastic, elastic.q + 0.1)
-    (tmp_path / "machine.xml").write_bytes(mujoco_file(result))
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "machine.xml"))
-    data = mujoco.MjData(model)
+    mujoco, model, data = model_of(result, tmp_path)
     mujoco.mj_forward(model, data)
     assert np.allclose(data.qpos, result.q, atol=1e-12)
     site = data.site("M")
     assert np.allclose(site.xpos, result.pose[:3, 3], atol=1e-9)
     R = site.xmat.reshape(3, 3)
     assert np.allclose(R, result.pose[:3, :3], atol=1e-9)
-    linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
-    mujoco.mj_jacSite(model, data, linear, angular, model.site("M").id)
-    J = np.vstack([R.T @ angular, R.T @ linear])
+    J = np.vstack([R.T @ rows for rows in jacobian_of(mujoco, model, data, "M")])
     ties = data.efc_J.reshape(-1, model.nv)[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
     free = np.eye(model.nv)
     if len(ties):
@@ -101,12 +83,9 @@ def test_mujoco_moves_a_chain_as_we_do(tmp_path, name):
 
 
 def test_springs_in_mujoco_carry_the_load(tmp_path):
-    mujoco = pytest.importorskip("mujoco")
     elastic = cartstiff.load("ur5")
     result = cartstiff.analyse(elastic, elastic.q + 0.1, wrench=LOAD)
-    (tmp_path / "machine.xml").write_bytes(mujoco_file(result))
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "machine.xml"))
-    data = mujoco.MjData(model)
+    mujoco, model, data = model_of(result, tmp_path)
     mujoco.mj_forward(model, data)
     assert np.allclose(-data.qfrc_spring, result.jacobian.T @ result.wrench, rtol=1e-9)
 
@@ -115,10 +94,7 @@ def test_a_rigid_joint_is_rigid_in_mujoco(tmp_path):
     """MuJoCo holds the joint where its file begins."""
     arm = cartstiff.load("ur5").with_springs({"elbow_joint": np.inf})
     result = cartstiff.analyse(arm, wrench=LOAD)
-    mujoco = pytest.importorskip("mujoco")
-    (tmp_path / "arm.xml").write_bytes(mujoco_file(result))
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
-    data = mujoco.MjData(model)
+    mujoco, model, data = model_of(result, tmp_path)
     mujoco.mj_forward(model, data)
     assert model.joint("elbow_joint").stiffness[0] == 0.0
     assert np.abs(data.efc_pos) == pytest.approx([0.0], abs=1e-12)

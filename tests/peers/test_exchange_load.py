@@ -12,7 +12,7 @@ W = [2.0, -1.0, 3.0, 30.0, -20.0, -100.0]
 AT = [0.05, -0.02, 0.1]
 
 
-def mechanism(name):
+def mechanism(name, legs=2e3):
     if name == "ur5":
         return cartstiff.load("ur5")
     ring = {"radius": 200.0, "half_angle": 0.2}
@@ -22,7 +22,7 @@ def mechanism(name):
         height=250.0,
         body={"mass": 3.0, "com": [1.0, 2.0, -3.0], "inertia": np.diag([2e4, 3e4, 4e4]).tolist()},
         turn=0.8,
-        legs=2e3,
+        legs=legs,
         units={"length": "mm", "force": "N"},
         frame={"xyz": [3.0, -2.0, 10.0]},
     )
@@ -35,11 +35,16 @@ def model_of(result, tmp_path):
     return mujoco, model, mujoco.MjData(model)
 
 
+def jacobian_of(mujoco, model, data, site):
+    """Turns (3, n) and translations (3, n) of a site along the room's axes."""
+    linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+    mujoco.mj_jacSite(model, data, linear, angular, model.site(site).id)
+    return angular, linear
+
+
 def on_site(mujoco, model, data):
     """Wrench (moment, force) along the room's axes about the load's site, from the actuator."""
-    linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
-    mujoco.mj_jacSite(model, data, linear, angular, model.site("load").id)
-    J = np.vstack([angular, linear])
+    J = np.vstack(jacobian_of(mujoco, model, data, "load"))
     return np.linalg.lstsq(J.T, data.qfrc_actuator, rcond=None)[0]
 
 
