@@ -6,27 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.laws.test_many_rigid import assert_the_engines
 
 import cartstiff
 from cartstiff import LineSprings, analyse_many
 
 pytest.importorskip("llvmlite")
 
-OUTPUTS = (
-    "pose",
-    "jacobian",
-    "wrench",
-    "energy",
-    "A",
-    "B",
-    "K",
-    "F",
-    "compliance_A",
-    "compliance_B",
-)
 LOAD = (1.0, 2.0, -3.0, 20.0, -10.0, 40.0)
 COUNT = 30
-ACCURACY = 1e-13
 
 
 def line(frames, ends, stiffness, rest, unilateral=False):
@@ -73,30 +61,6 @@ def with_lines(name):
     q = np.tile(elastic.q, (COUNT, 1))
     q[:, moved] += size * rng.uniform(-1.0, 1.0, (COUNT, len(moved)))
     return elastic, q
-
-
-def assert_the_engines(elastic, q, *paths, **load):
-    """Numbers and states are the engine's, and none came from there."""
-    engine, *answers = (
-        analyse_many(elastic, q, outputs=OUTPUTS, path=p, **load) for p in ("engine", *paths)
-    )
-    for fast in answers:
-        assert fast.fallback == 0
-        _compare(fast, engine)
-
-
-def _compare(fast, engine):
-    assert [fast.codes[s] for s in fast.state] == [engine.codes[s] for s in engine.state]
-    for name, known in engine.arrays.items():
-        found = fast[name]
-        assert np.array_equal(np.isnan(found), np.isnan(known)), name
-        axes = tuple(range(1, known.ndim))
-        least = 1e4 if name == "wrench" else 1.0  # what the lines pull with, which is balanced
-        size = np.maximum(np.abs(known).max(axis=axes), least) if axes else np.abs(known)
-        error = np.abs(found - known).max(axis=axes) if axes else np.abs(found - known)
-        loss = np.linalg.cond(known) if name.startswith("compliance") else 100.0
-        exists = np.isfinite(size)
-        assert np.all((error <= ACCURACY * loss * size)[exists]), name
 
 
 @pytest.mark.parametrize(
