@@ -35,7 +35,7 @@ ALWAYS = (
     "tests/inputs/test_fuzz_harness.py::test_damaged_files_are_read_or_refused",
     "tests/inputs/test_refused.py::",
     "tests/laws/test_every_answer.py::test_text_and_json_of_an_identification",
-    "tests/rooms/recorded/test_kernels.py::test_the_gradient_costs_at_most_four_times_its_objective",
+    "tests/rooms/recorded/test_gradients.py::test_the_gradient_costs_at_most_four_times_its_objective",
     "tests/maps/test_map_files.py::test_threads_that_begin_one_map_at_once",
     "tests/maps/test_stores.py::test_an_object_store",
     "tests/mechanisms/test_workspace.py::test_the_least_ratio_is_that_of_the_whole_workspace",

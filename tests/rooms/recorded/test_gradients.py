@@ -9,10 +9,22 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.doors import LoadKind
-from tests.inner import OfFunction, OfQuantity, Settings, largest
+from tests.inner import (
+    OfFunction,
+    OfQuantity,
+    Settings,
+    Tape,
+    absolute,
+    copysign,
+    gradient_program,
+    larger,
+    largest,
+    pick,
+    square_root,
+)
 from tests.inner import gradient_Question as _Question
 from tests.inner import gradients_matrices as matrices
-from tests.laws.test_gradients import WRENCH, Case
+from tests.laws.test_gradients import WRENCH, Case, central, mixed
 
 import cartstiff
 from cartstiff.extend import QUANTITIES
@@ -111,3 +123,54 @@ def check_matrices(subject: Any) -> None:
         for got, wanted, scale in zip(seen, known, scales, strict=True):
             least = 1e-7 * (scale or np.abs(got).max(initial=1.0) * size)
             np.testing.assert_allclose(got * size, wanted * size, rtol=1e-6, atol=least)
+
+
+def recorded_mixed(at: Any) -> Any:
+    """The same of a program."""
+    return mixed(at["stiffness_B"], at["wrench"], at["pose"])
+
+
+def test_the_gradient_costs_at_most_four_times_its_objective():
+    soft = "translation_free_min"
+    for name, quantity in (
+        ("ur5", soft),
+        ("panda", recorded_mixed),
+        ("hexapod", soft),
+        ("6-ups", soft),
+    ):
+        program = cartstiff.record(cartstiff.load(name), (quantity,), loaded=True)
+        objective = program.tape
+        (of,) = (name for name in objective.outputs if name != "verdict")
+        whole = gradient_program(objective, of)
+        assert whole.size <= 4.0 * objective.size, (name, whole.size, objective.size)
+
+
+def test_every_operation_against_differences():
+    """The adjoint of each recorded operation, on smooth functions and beside every kink."""
+
+    def f(x: Any, y: Any) -> Any:
+        a = square_root(x * x + y * y + 1.0) - x / (y + 3.0)
+        b = larger(a, x) * absolute(y - x) + copysign(x, y)
+        return pick(a, b, a * b - 2.0 / y, -b) + np.sin(x) * np.cos(y)
+
+    def recorded(x: float, y: float) -> list[float]:
+        tape = Tape()
+        numbers = [tape.input("x", 0), tape.input("x", 1)]
+        a = square_root(numbers[0] * numbers[0] + numbers[1] * numbers[1] + 1.0)
+        a = a - numbers[0] / (numbers[1] + 3.0)
+        b = larger(a, numbers[0]) * absolute(numbers[1] - numbers[0])
+        b = b + copysign(numbers[0], numbers[1])
+        value = pick(a, b, a * b - 2.0 / numbers[1], -b)
+        value = value + numbers[0].sin() * numbers[1].cos()
+        from tests.inner import PortableKernel
+
+        known = {"value": np.array([value], object), "verdict": np.zeros(1)}
+        program = gradient_program(tape.program(known, []), "value")
+        return PortableKernel(program)({"x": np.array([[x, y]])})["by_x"][0].tolist()
+
+    for x, y in ((0.3, 0.7), (-1.2, 0.4), (1.5, -0.6), (2.0, 2.5)):
+        reference = [
+            central(lambda h, x=x, y=y: float(f(x + h, y)), 1e-3),
+            central(lambda h, x=x, y=y: float(f(x, y + h)), 1e-3),
+        ]
+        np.testing.assert_allclose(recorded(x, y), reference, rtol=1e-9, atol=1e-10)
