@@ -102,6 +102,15 @@ def pose_at_zero(path: Path, name: str) -> np.ndarray:
     return elastic.mechanism.at(np.zeros(elastic.q.size)).pose
 
 
+def lines_file(base: np.ndarray, top: np.ndarray, legs: dict, cables: bool) -> dict:
+    """A heavy body on legs, or on cables."""
+    return {
+        "kind": "springs", "base": base.tolist(), "platform": top.tolist(), "legs": legs,
+        "pose": {"xyz": [0.1, 0.0, 1.0]}, "body": {"mass": 4.0, "com": [0.02, 0.01, 0.1]},
+        "unilateral": cables,
+    }  # fmt: skip
+
+
 def platform(folder: Path, rng: np.random.Generator) -> dict:
     m = int(rng.integers(6, 9))
     base = rng.uniform(-1.0, 1.0, (m, 3)) * [1.0, 1.0, 0.2]
@@ -114,11 +123,7 @@ def platform(folder: Path, rng: np.random.Generator) -> dict:
         base = np.array([[x, y, z] for x in (-2, 2) for y in (-2, 2) for z in (0, 2)], float)
         top = base * [0.15, -0.15, 0.2] + rng.uniform(-0.05, 0.05, (m, 3)) - [0, 0, 0.2]
         legs |= {"preload": 500.0}
-    return {
-        "unilateral": m == 8,
-        "kind": "springs", "base": base.tolist(), "platform": top.tolist(), "legs": legs,
-        "pose": {"xyz": [0.1, 0.0, 1.0]}, "body": {"mass": 4.0, "com": [0.02, 0.01, 0.1]},
-    }  # fmt: skip
+    return lines_file(base, top, legs, m == 8)
 
 
 MAKERS = {"arm": arm, "beams": beams, "loop": loop, "platform": platform}

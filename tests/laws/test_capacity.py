@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from scipy.optimize import linprog
-from tests.laws.test_balance_of_bodies import EARTH, MAKERS
+from tests.laws.test_balance_of_bodies import EARTH, MAKERS, lines_file
 from tests.support.commands import answer, run
 from tests.support.printed import text_of
 
@@ -46,11 +46,7 @@ def platform(seed: int, cables: bool):
     legs = {"stiffness": 1e6, "force": [low, high]}
     if cables:
         legs["preload"] = 200.0
-    file = {
-        "kind": "springs", "base": base.tolist(), "platform": top.tolist(), "legs": legs,
-        "pose": {"xyz": [0.1, 0.0, 1.0]}, "body": {"mass": 4.0, "com": [0.02, 0.01, 0.1]},
-        "unilateral": cables,
-    }  # fmt: skip
+    file = lines_file(base, top, legs, cables)
     return file, base, top + np.array([0.1, 0.0, 1.0])
 
 

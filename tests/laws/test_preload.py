@@ -112,15 +112,18 @@ def test_a_load_that_replaces_what_the_file_says_is_named(tmp_path):
     assert "load-replaces-rest" not in codes(plain)
 
 
+def seven(folder, preload):
+    """Six driven legs and a passive spring from base to platform."""
+    base, platform = ([*HEXAPOD[key], [0.0, 0.0, z]] for key, z in (("base", 0), ("platform", -10)))
+    keys = HEXAPOD | {"base": base, "platform": platform}
+    legs = {"stiffness": [K] * 6 + [5.0], "preload": preload, "driven": [True] * 6 + [False]}
+    place = {"xyz": HOME[:3], "rpy": HOME[3:]}
+    return load(write_file(folder, kind="springs", pose=place, legs=legs, **keys))
+
+
 def test_springs_that_nothing_drives_keep_their_rest_lengths_under_a_load(tmp_path):
     """A seventh, passive spring beside six driven legs: these balance the load and its force."""
-    keys = HEXAPOD | {
-        "base": [*HEXAPOD["base"], [0.0, 0.0, 0.0]],
-        "platform": [*HEXAPOD["platform"], [0.0, 0.0, -10.0]],
-    }
-    legs = {"stiffness": [K] * 6 + [5.0], "preload": 50.0, "driven": [True] * 6 + [False]}
-    place = {"xyz": HOME[:3], "rpy": HOME[3:]}
-    both = load(write_file(tmp_path, kind="springs", pose=place, legs=legs, **keys))
+    both = seven(tmp_path, 50.0)
     W = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -100.0])
     result = analyse(both, AWAY, wrench=W)
     stretched = both.mechanism.leg_lengths(AWAY)[6] - both.mechanism.leg_lengths(HOME)[6]
@@ -222,13 +225,17 @@ def test_tensions_and_stiffness_have_no_cliffs_along_a_line():
     assert np.abs(np.diff(tensions, axis=0)).max() < 15.0
 
 
+def eight(folder, moved=0.0, **legs):
+    """The bundled cable robot, its anchors moved, with other cables."""
+    p = load("cable-robot").mechanism
+    keys = {"base": p.anchors + moved, "platform": p.points, "pose": {"xyz": [0.0, 0.0, 0.6]}}
+    keys |= {"kind": "springs", "unilateral": True, "legs": {"stiffness": 5e4, **legs}}
+    return load(write_file(folder, **keys))
+
+
 def test_a_rope_of_fixed_length_is_a_passive_cable(tmp_path):
     robot = load("cable-robot")
-    p = robot.mechanism
-    keys = {"base": p.anchors.tolist(), "platform": p.points.tolist(), "unilateral": True}
-    legs = {"stiffness": 5e4, "preload": 200.0, "driven": False}
-    pose = {"xyz": [0.0, 0.0, 0.6]}
-    ropes = load(write_file(tmp_path, kind="springs", pose=pose, legs=legs, **keys))
+    p, ropes = robot.mechanism, eight(tmp_path, preload=200.0, driven=False)
     q = [0.003, 0.0, 0.6, 0.0, 0.0, 0.0]
     expected = 200.0 + 5e4 * (p.leg_lengths(q) - p.leg_lengths(robot.q))
     assert tensions_of(analyse(ropes, q)) == pytest.approx(np.maximum(expected, 0.0), rel=1e-9)
@@ -239,15 +246,10 @@ def test_a_rope_of_fixed_length_is_a_passive_cable(tmp_path):
 @pytest.mark.parametrize("limits", [None, [30.0, 260.0]])
 def test_tensions_are_continuous_along_drawn_lines(tmp_path, limits, load_is_given):
     """Around the largest step of a grid, finer ones have steps as much smaller."""
-    rng, robot = np.random.default_rng(11), load("cable-robot")
-    p = robot.mechanism
-    keys = {"base": p.anchors + 0.05 * rng.normal(size=(8, 3)), "platform": p.points}
-    legs = {"stiffness": 5e4, "preload": rng.uniform(100.0, 250.0, 8)}
-    legs |= {} if limits is None else {"force": limits}
-    pose = {"xyz": [0.0, 0.0, 0.6]}
-    drawn = load(
-        write_file(tmp_path, kind="springs", unilateral=True, pose=pose, legs=legs, **keys)
-    )
+    rng = np.random.default_rng(11)
+    moved = 0.05 * rng.normal(size=(8, 3))
+    legs = {"preload": rng.uniform(100.0, 250.0, 8)} | ({"force": limits} if limits else {})
+    drawn = eight(tmp_path, moved, **legs)
     W = [1.0, 2.0, -1.0, 60.0, -40.0, -80.0] if load_is_given else None
     seen = 0
     for _ in range(4):
@@ -271,12 +273,7 @@ def test_tensions_are_continuous_along_drawn_lines(tmp_path, limits, load_is_giv
 
 def test_largest_forces_bound_the_tensions(tmp_path):
     """The nearest set within [least, largest], by a general solver; beyond them by one share."""
-    robot = load("cable-robot")
-    p = robot.mechanism
-    keys = {"base": p.anchors.tolist(), "platform": p.points.tolist(), "unilateral": True}
-    legs = {"stiffness": 5e4, "preload": 60.0, "force": [20.0, 70.0]}
-    pose = {"xyz": [0.0, 0.0, 0.6]}
-    limited = load(write_file(tmp_path, kind="springs", pose=pose, legs=legs, **keys))
+    limited = eight(tmp_path, preload=60.0, force=[20.0, 70.0])
     W, bound = np.array([0.0, 1.0, 0.0, 10.0, 0.0, -60.0]), 0
     rng = np.random.default_rng(2)
     for _ in range(12):
@@ -307,20 +304,14 @@ def test_largest_forces_bound_the_tensions(tmp_path):
 
 def test_what_nothing_drives_is_no_command_of_a_path(tmp_path):
     """A seventh spring keeps its rest length; rest lengths of passive legs alone are named."""
-    keys = HEXAPOD | {
-        "base": [*HEXAPOD["base"], [0.0, 0.0, 0.0]],
-        "platform": [*HEXAPOD["platform"], [0.0, 0.0, -10.0]],
-    }
-    place = {"xyz": HOME[:3], "rpy": HOME[3:]}
-    W = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -10.0])
-    legs = {"stiffness": [K] * 6 + [5.0], "preload": 5.0, "driven": [True] * 6 + [False]}
-    both = load(write_file(tmp_path, kind="springs", pose=place, legs=legs, **keys))
+    both, W = seven(tmp_path, 5.0), np.array([0.0, 0.0, 0.0, 0.0, 0.0, -10.0])
     found = compensate(both, [HOME, AWAY], W)
     assert found.springs == tuple(f"leg{i}" for i in range(1, 7))
     assert found.commands.shape == (2, 6)
     assert np.abs(found.after[:, 3:]).max() < 1e-9
     assert "commands-of-springs" not in codes(found)
     legs = {"stiffness": K, "driven": False}
+    place = {"xyz": HOME[:3], "rpy": HOME[3:]}
     alone = load(write_file(tmp_path, kind="springs", pose=place, legs=legs, **HEXAPOD))
     passive = compensate(alone, [HOME, AWAY], W)
     assert note(passive, "commands-of-springs").values["springs"] == list(found.springs)

@@ -90,13 +90,22 @@ def test_a_linear_delta_with_a_level_rod_is_singular(tmp_path):
     assert "in 4 of 6 directions here (serial singularity)" in found.message
 
 
-def test_joints_beside_those_of_the_body_are_no_singularity(tmp_path):
-    """A tensegrity: its frame is on one of three rods, of which each has two freedoms."""
-    feet = [(np.cos(a), np.sin(a), 0.0) for a in 2 * np.pi * np.arange(3) / 3]
+FEET = np.array([(np.cos(a), np.sin(a), 0.0) for a in 2 * np.pi * np.arange(3) / 3])
+
+
+def three_rods(folder, lines):
+    """Rods on universal joints on the floor, held by lines; the frame is on the first."""
     joints = []
-    for k, foot in enumerate(feet):
+    for k, foot in enumerate(FEET):
         joints += [joint(f"x{k}", "base", f"a{k}", at=foot, axis=(1, 0, 0))]
         joints += [joint(f"y{k}", f"a{k}", f"rod{k}", axis=(0, 1, 0))]
+    urdf = write_urdf(folder, *joints, name="rods")
+    content = {"model": urdf.name, "frame": "rod0", "closures": [], "lines": lines}
+    return cartstiff.load(write_file(folder, kind="closed-chain", **content))
+
+
+def test_joints_beside_those_of_the_body_are_no_singularity(tmp_path):
+    """A tensegrity: its frame is on one of three rods, of which each has two freedoms."""
     ends = [[0, 0, 1], [0, 0, 1]]
     lines = [
         {"frames": [a, b], "points": ends, "stiffness": 100.0, "rest_length": length}
@@ -105,9 +114,7 @@ def test_joints_beside_those_of_the_body_are_no_singularity(tmp_path):
             *((f"rod{k}", "base", 1.0) for k in range(2)),
         )
     ]
-    urdf = write_urdf(tmp_path, *joints, name="rods")
-    content = {"model": urdf.name, "frame": "rod0", "closures": [], "lines": lines}
-    result = cartstiff.analyse(cartstiff.load(write_file(tmp_path, kind="closed-chain", **content)))
+    result = cartstiff.analyse(three_rods(tmp_path, lines))
     assert "serial-singularity" not in codes(result)
     found = note(result, "fewer-than-six-freedoms")
     assert "in 4 of 6 directions here, and 4 of the 6 free motion(s) do not" in found.message
@@ -201,11 +208,8 @@ def test_legs_in_compression_under_a_flat_plate_are_indefinite(tmp_path):
 @pytest.mark.parametrize("push", [2.0, -2.0])
 def test_a_tensegrity_that_falls_over_is_indefinite(tmp_path, push):
     """Three rods whose tops push each other (or pull), held by guys to the centre of the floor."""
-    feet = np.array([(np.cos(a), np.sin(a), 0.0) for a in 2 * np.pi * np.arange(3) / 3])
-    joints, lines, k = [], [], 100.0
-    for i, foot in enumerate(feet):
-        joints += [joint(f"x{i}", "base", f"a{i}", at=foot, axis=(1, 0, 0))]
-        joints += [joint(f"y{i}", f"a{i}", f"rod{i}", axis=(0, 1, 0))]
+    lines, k = [], 100.0
+    for i in range(3):
         for other, end, length, pull in (
             (f"rod{(i + 1) % 3}", [0, 0, 1], 3**0.5, -push),
             ("base", [0, 0, 0], 2**0.5, 6**0.5 * push),
@@ -216,7 +220,7 @@ def test_a_tensegrity_that_falls_over_is_indefinite(tmp_path, push):
     def energy(q):
         turned = np.cos(q[0::2]), np.sin(q[0::2]), np.cos(q[1::2]), np.sin(q[1::2])
         cx, sx, cy, sy = turned
-        tops = feet + np.column_stack([sy, -sx * cy, cx * cy])
+        tops = FEET + np.column_stack([sy, -sx * cy, cx * cy])
         pairs = (
             np.linalg.norm(tops - np.roll(tops, -1, axis=0), axis=1),
             np.linalg.norm(tops, axis=1),
@@ -233,7 +237,5 @@ def test_a_tensegrity_that_falls_over_is_indefinite(tmp_path, push):
     ]
     least = np.linalg.eigvalsh(second)[0]
     assert (least < 0) == (push > 0)
-    urdf = write_urdf(tmp_path, *joints, name="rods")
-    content = {"model": urdf.name, "frame": "rod0", "closures": [], "lines": lines}
-    result = cartstiff.analyse(cartstiff.load(write_file(tmp_path, kind="closed-chain", **content)))
+    result = cartstiff.analyse(three_rods(tmp_path, lines))
     assert ("indefinite" in codes(result)) == (push > 0)

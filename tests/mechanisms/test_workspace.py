@@ -342,11 +342,16 @@ def test_rotations_are_a_share_of_all(machine, found):
     assert abs(found.share_of_rotations - share) < 4 * np.sqrt(share / 20_000) + 0.03 * share
 
 
+def limited_cables(folder):
+    """The bundled cable robot with limits of its cables' forces."""
+    text = (Path(__file__).parents[2] / "robots/cable-robot.yaml").read_text("utf-8")
+    (folder / "cables.yaml").write_text(text + "  force: [5, 120]\n")
+    return cartstiff.load(folder / "cables.yaml")
+
+
 def test_tensions_nearest_to_the_middle_of_their_limits(tmp_path):
     """Against a constrained least-squares solver; their workspace is the smaller one."""
-    text = (Path(__file__).parents[2] / "robots/cable-robot.yaml").read_text("utf-8")
-    (tmp_path / "cables.yaml").write_text(text + "  force: [5, 120]\n")
-    robot = cartstiff.load(tmp_path / "cables.yaml")
+    robot = limited_cables(tmp_path)
     wrench = np.array([0.0, 0, 0, 3.0, 0, -40.0])
     asked = {"wrench": wrench, "directions": 18, "scan": 12, "radius": 2.0, "fits": False}
     every = cartstiff.workspace(robot, **asked)
@@ -383,9 +388,7 @@ def test_tensions_nearest_to_the_middle_of_their_limits(tmp_path):
 
 def test_what_cables_should_carry_is_known_where_they_cannot(tmp_path):
     """The limits are asked of this wrench, and no search for taut cables comes before."""
-    text = (Path(__file__).parents[2] / "robots/cable-robot.yaml").read_text("utf-8")
-    (tmp_path / "cables.yaml").write_text(text + "  force: [5, 120]\n")
-    robot = cartstiff.load(tmp_path / "cables.yaml")
+    robot = limited_cables(tmp_path)
     wrench = np.array([2.0, 0, 0, 300.0, 0, -40.0])
     load = (DEAD_AT_ORIGIN, wrench, "body")
     margins = Margins(robot, load, tensions="closed-form")
