@@ -66,7 +66,7 @@ def read(
     asked = recording(elastic, names, settings or Settings(), wrench, axes, backend)
     assert not asked.from_matrices
     known: list[np.ndarray] = []
-    asked._fill_others = lambda *given: (known.append(given[6] == PLAIN), ([""], 0, ""))[1]
+    asked._fill_others = lambda *given: (known.append(given[0].state == PLAIN), ([""], 0, ""))[1]
     found = asked.postures(q, None if wrench is None else np.array(wrench))
     return Read(found.arrays, found.q, known[0])
 
@@ -105,6 +105,6 @@ def frequencies(
     names = tuple(map(frequency_name, range(count)))
     own = OwnOutputs(quantities=names, settings=Settings(load=kind, is_loaded=wrench is not None))
     how = wrench is not None, kind, given["load_axes"]
-    asked = Recording(elastic, (), own, *how, reads=False)
+    asked = Recording(elastic, (), own, *how, backend="portable")
     found = asked.postures(np.array(q), wrench, one_by_one=one_by_one)
     return np.stack([found.arrays[name] for name in names], axis=1)

@@ -41,8 +41,8 @@ BACKENDS = ("auto", "compiled", "portable", "engine")
 #: Least number of postures for which a mechanism is compiled: compiling takes as long as
 #: computing 20,000 (6-UPS) to 60,000 (UR5) postures over NumPy arrays.
 WORTH_COMPILING = 25_000
-#: Least number of postures for which quantities are compiled, too.
-WORTH_READING = 200_000
+#: Least number of postures for which a map is compiled, its quantities with it.
+WORTH_MAPPING = 50_000
 #: Number of operations beyond which compiling takes more than a few seconds.
 LARGEST_PROGRAM = 60_000
 #: Chunk of postures for machine code, a multiple of every block.
@@ -122,7 +122,7 @@ def lasting_path(elastic: ElasticMechanism, is_loaded: bool, count: int) -> Back
     )
     if isinstance(answer, str):
         return "engine"
-    is_compiled = count >= WORTH_COMPILING and has_package("llvmlite")
+    is_compiled = count >= WORTH_MAPPING and has_package("llvmlite")
     return "compiled" if is_compiled else "portable"
 
 

@@ -185,8 +185,8 @@ class Program(Recording):
             self.reason = "llvmlite is not installed"
         if taken.untraced:  # their code is made here, not in the first call
             wrench = np.zeros((1, 6)) if self.is_loaded else None
-            at = self.elastic.q[None]
-            taken.untraced.derivatives(at, self.path == "compiled", wrench)
+            is_compiled = self.path == "compiled"
+            taken.untraced.derivatives(self.elastic.q[None], is_compiled, wrench)
 
     def __reduce__(self) -> Any:
         more = self.is_loaded, self.load, self.load_axes, self.inputs

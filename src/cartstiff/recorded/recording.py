@@ -102,10 +102,8 @@ class Recording:
     own : OwnOutputs
         Quantities, and outputs of a user's own.
     backend : {"auto", "compiled", "portable", "engine"}
-        As `path` of `analyse_many`.
-    reads : bool
-        Whether quantities are recorded, as far as they can be, so that no matrices are
-        stored.
+        As `path` of `analyse_many`. But for "portable", quantities are recorded as far as
+        they can be, so that no matrices are stored.
 
     Attributes
     ----------
@@ -130,7 +128,6 @@ class Recording:
         load_axes: Axes = "body",
         inputs: tuple[str, ...] = (),
         backend: Backend = "auto",
-        reads: bool = True,
     ) -> None:
         self.elastic, self.is_loaded, self.inputs = elastic, is_loaded, inputs
         self.load, self.load_axes = load, load_axes
@@ -168,7 +165,7 @@ class Recording:
             self.reason = "the forces of these drives are found posture by posture"
             return
         self.reason, self.taken = "", taken.under(load, load_axes)
-        self.tape = self._recorded(self.taken.case, reads)
+        self.tape = self._recorded(self.taken.case)
         for name in inputs:
             self._usual[name] = np.ascontiguousarray(self.taken.shared[name])[0]
         self._use(self.taken, self.tape)
@@ -184,13 +181,13 @@ class Recording:
         some = [quantity for quantity in self._quantities if quantity.name in quantities]
         return needed_outputs(some, settings)
 
-    def _recorded(self, case: Case, reads: bool) -> Tape:
+    def _recorded(self, case: Case) -> Tape:
         """The program of all outputs that can be recorded, and of what the others
         are read from.
         """
         own, settings, elastic = self._own, self._own.settings, self.elastic
         names: tuple[str, ...] = ()
-        if reads and own.quantities:
+        if self._backend != "portable" and own.quantities:
             names = recordable(elastic, case, own.quantities)
         # Vibrations need masses, which are constants.
         massive: Case | None = None

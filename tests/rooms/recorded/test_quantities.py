@@ -329,7 +329,7 @@ def test_ones_own_quantities_are_the_same_by_every_way(monkeypatch, tmp_path):
     asked = elastic, grid, ["condition"]
     monkeypatch.setitem(QUANTITIES, "condition", _own(_softest))
     job, file = prepare_map(*asked, tmp_path / "m.zarr", chunk=2)
-    ways = job, replace(job, path="compiled", by_kernel=True)
+    ways = job, replace(job, path="compiled")
     found, compiled = (way.compute((slice(0, 5),))["condition"] for way in ways)
     np.testing.assert_allclose(compiled, found, rtol=1e-9)
     data = packed(job)

@@ -87,8 +87,6 @@ class MapJob:
         Backend that computes every posture of the map, as in `analyse_many`. A resumed
         map keeps its backend, so that the numbers do not depend on where it was
         interrupted.
-    by_kernel : bool
-        Whether machine code also evaluates the quantities, as far as it can.
     one_by_one : int, optional
         Largest number of postures that are analysed singly where the fast backends cannot
         decide the state; the state of further ones is "other". Default: all.
@@ -104,7 +102,6 @@ class MapJob:
     wrench: tuple[float, ...] | None
     load_axes: Literal["body", "world"] = "body"
     path: Backend = "auto"
-    by_kernel: bool = False
     one_by_one: int | None = None
     own: tuple[Quantity, ...] = ()
 
@@ -224,7 +221,6 @@ class MapJob:
             self.settings.load,
             self.load_axes,
             backend=self.path,
-            reads=self.by_kernel,
         )
 
     def _computed(self, recording: Recording, q: Array) -> Postures:

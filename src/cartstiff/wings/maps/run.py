@@ -46,7 +46,7 @@ from cartstiff.files.identity import (
     require_versions,
     versions,
 )
-from cartstiff.recorded.kernels import WORTH_READING, lasting_path
+from cartstiff.recorded.kernels import lasting_path
 from cartstiff.recorded.postures import described
 from cartstiff.recorded.quantities import (
     Settings,
@@ -262,8 +262,7 @@ def planned(
     settings, kind, chosen = job.settings, job.settings.load, job.quantities
     row = job.wrench
     path = lasting_path(elastic, row is not None, sampling.size)
-    reads = path == "compiled" and sampling.size >= WORTH_READING
-    job = replace(job, path=path, by_kernel=reads)
+    job = replace(job, path=path)
     # The identity of the map: what its numbers depend on.
     options = {
         "joints": list(elastic.names),
@@ -280,10 +279,7 @@ def planned(
     }
     if elastic.identified is not None:
         options["identified"] = elastic.identified.to_dict()
-    description = identity_of(elastic, options) | {
-        "path": job.path,
-        "by_kernel": job.by_kernel,
-    }
+    description = identity_of(elastic, options) | {"path": job.path}
     units = elastic.units
     # Attributes of the file.
     attributes = {
@@ -439,8 +435,8 @@ def prepare_map(
     here = json.loads(layout.attributes["description"])
     # A resumed map keeps its backend, so that its numbers do not depend on the
     # interruption.
-    taken = {name: there.get(name) for name in ("path", "by_kernel")}
-    require_same(there, here | taken, file, "map")
+    path = there.get("path")
+    require_same(there, here | {"path": path}, file, "map")
     if asked.get("chunk") and layout.chunk != existing.parts.chunk:
         raise InputError(
             "the file holds parts of another size",
@@ -449,7 +445,7 @@ def prepare_map(
             got=asked["chunk"],
         )
     existing.complete(replace(layout, chunk=existing.parts.chunk))
-    return replace(job, path=taken["path"], by_kernel=bool(taken["by_kernel"])), existing
+    return replace(job, path=path), existing
 
 
 def part_of(job: MapJob, file: MapFile, number: int, mapped: Mapped = map) -> int:
