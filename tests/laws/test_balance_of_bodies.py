@@ -308,3 +308,14 @@ def test_planar_loops_say_what_rigid_links_leave_open(tmp_path):
     elastic = cs.load(str(tmp_path / "four.yaml"))
     result = cs.analyse(elastic, wrench=[0, 0, 0, 5.0, 0, 0])
     assert not all(one.is_determined for one in result.wrenches)
+
+
+def test_legs_come_before_lines_that_were_added():
+    platform = cs.load("stewart-gough")
+    ends = {"anchors": np.array([[0.0, 0.0, 50.0]]), "points": np.zeros((1, 3))}
+    line = cs.LineSprings(**ends, stiffness=np.array([3.0]), rest_length=np.array([40.0]))
+    both = cs.analyse(platform.with_potential(line)).wrenches
+    legs = [one.name for one in cs.analyse(platform).wrenches]
+    assert len(legs) == 6
+    assert len(both) == 7
+    assert [one.name for one in both[:6]] == legs

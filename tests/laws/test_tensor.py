@@ -419,6 +419,7 @@ def test_sums_multiples_and_products_are_arrays():
     K, x = _tensor(12, "B"), np.arange(6.0)
     assert K.shape == (6, 6)
     assert np.array_equal(K + K, 2 * K)
+    assert np.array_equal(K / 2, 0.5 * K)
     assert np.array_equal(K * 2 - K, K.matrix)
     assert np.array_equal(K + np.eye(6), K.matrix + np.eye(6))
     assert np.array_equal(K @ x, K.matrix @ x)

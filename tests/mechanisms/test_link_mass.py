@@ -89,6 +89,17 @@ def test_other_units_swing_alike(arm):
     assert other == pytest.approx(cartstiff.modes(elastic).frequencies, rel=1e-9)
 
 
+def test_compliances_of_a_link_have_the_units_of_deflections_over_efforts(arm):
+    """By the powers of their units the numbers in mm follow from those in m."""
+    elastic = arm(link={"mass": None})
+    here, there = elastic.compliances, in_units(elastic, "mm").compliances
+    assert len(here) == 21
+    assert {(one.length, one.force) for one in here.values()} == {(-1, -1), (0, -1), (1, -1)}
+    for name, one in here.items():
+        converted = one.value * 1e3**one.length
+        assert there[name].value == pytest.approx(converted, rel=1e-9, abs=1e-16), name
+
+
 @pytest.mark.parametrize(
     ("link", "words"),
     [

@@ -77,6 +77,9 @@ def test_against_differences(case):
         assert np.abs(known.of(name) - wanted).max() < least * size, name
     with pytest.raises(InputError, match="unknown parameter"):
         known.of("stiffness.nothing")
+    of_posture = sensitivities(analyse(load("stewart-gough")))
+    with pytest.raises(InputError, match="not of frequencies"):
+        of_posture.of("stiffness.leg1")
 
 
 def test_masses_against_differences():

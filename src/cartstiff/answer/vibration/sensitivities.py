@@ -90,8 +90,14 @@ class Sensitivities(Result, LabelledResult):
         Raises
         ------
         InputError
-            For another name.
+            For another name, or without frequencies, as of a posture: the derivatives
+            of its matrices are in `stiffness`.
         """
+        if not self.frequencies.size:
+            raise InputError(
+                "these derivatives are not of frequencies",
+                expected="those of cartstiff.modes; of a posture read `stiffness`",
+            )
         return self.frequencies[self.index(name)]
 
     def index(self, name: str) -> int:

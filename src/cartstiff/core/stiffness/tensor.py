@@ -171,6 +171,9 @@ class LabelledMatrix:
 
     __rmul__ = __mul__
 
+    def __truediv__(self, factor: float) -> Array:
+        return self.matrix / factor
+
     def __matmul__(self, other: ArrayLike) -> Array:
         return self.matrix @ np.asarray(other)
 
