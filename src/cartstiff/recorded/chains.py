@@ -674,14 +674,22 @@ class ChainNumbers(Judged):
                 g, H = M.T @ g, congruence(M, H)
             energy, gradient, hessian = energy + E, gradient + g, hessian + H
         # Compliant links.
-        for own_indices, flat in case.coupled:
-            at = list(own_indices)
-            matrix = np.reshape(flat, (len(at), -1))
+        for at, matrix in self._link_springs()[: len(case.coupled)]:
             force = matrix @ self.q[at]
             energy = energy + (force @ self.q[at]) * 0.5
             gradient[at] = gradient[at] + force
             hessian[np.ix_(at, at)] = hessian[np.ix_(at, at)] + matrix
         return energy, gradient, hessian
+
+    def _link_springs(self) -> list[tuple[list[int], Array]]:
+        """Coordinates and stiffness of springs of links, coupled before still ones."""
+        springs = (*self.case.coupled, *self.case.still)
+        found = [(list(at), np.reshape(flat, (len(at), -1))) for at, flat in springs]
+        factors = self.kinematics.varied.factors
+        if factors is not None and len(factors):
+            each = zip(found, factors[[*self.case.varied.factors]], strict=True)
+            return [(at, matrix * factor) for (at, matrix), factor in each]
+        return found
 
     def _on_bodies(self, tape: Tape) -> Iterator[tuple[Scalar, Array, Array]]:
         """Energy, gradient and Hessian in the joint positions of each force
@@ -707,8 +715,8 @@ class ChainNumbers(Judged):
         """
         case, chosen = self.case, list(self.case.chosen)
         energy, gradient, hessian = self._others(tape)
-        for indices, flat in case.still:
-            hessian[np.ix_(indices, indices)] = np.reshape(flat, (len(indices), -1))
+        for at, matrix in self._link_springs()[len(case.coupled) :]:
+            hessian[np.ix_(at, at)] = matrix
         springs = JointSpringNumbers(tape, len(self.q), case.laws)
         for a in (a for a in case.springs if a not in chosen):
             own, torque, stiffness = springs.at(a, self.q[a])

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -236,8 +237,11 @@ class Sweep:
         self._tape = recorded[0].tape if recorded else Tape()
         needed = self._tape.needed(x.step for x in recorded)
         self._steps = sorted(needed)
+
+    @cached_property
+    def _active(self) -> set[int]:
         inputs = [self._tape.input(*each) for each in self._tape.inputs]
-        self._active = active(self._tape, inputs, max(needed, default=-1))
+        return active(self._tape, inputs, self._steps[-1])
 
     def __len__(self) -> int:
         return len(self._numbers)
@@ -265,6 +269,8 @@ class Sweep:
             if (w := adjoint.pop(step, None)) is None:
                 continue
             name, arguments, _ = operations[step]
+            if name == "constant":
+                continue
             if name == "input":
                 array, component = self._tape.inputs[arguments[0]]
                 by[array][:m, component] = w
@@ -276,15 +282,13 @@ class Sweep:
                 if is_tie and not self._active.isdisjoint(arguments[:2]):
                     kinks[:m] += np.not_equal(w, 0.0)
                 is_less = x[0] < x[1]
-                taken = 3 - is_less if name == "pick" else is_less
-                parts = [(arguments[taken], w)]
+                arguments = (arguments[3 - is_less if name == "pick" else is_less],)
+                parts: tuple[Any, ...] = (w,)
             else:
-                each = _parts(name, x, at[step], w)
-                parts = list(zip(arguments, each, strict=True))
-            for argument, part in parts:
-                if argument in self._active:
-                    own = adjoint.get(argument)
-                    adjoint[argument] = part if own is None else own + part
+                parts = _parts(name, x, at[step], w)
+            for argument, part in zip(arguments, parts, strict=True):
+                own = adjoint.get(argument)
+                adjoint[argument] = part if own is None else own + part
         values = np.array([_at(at, x) for x in self._numbers], float)
         index = [places.get(step, m) for step in steps]
         by = {name: rows[index] for name, rows in by.items()}
@@ -360,14 +364,13 @@ class Differentiated:
         comes_to_rest: bool = False,
     ) -> None:
         with uncollected():
-            arrays = recorded_arrays(Tape(), case, needed)
+            tape = Tape()
+            arrays = recorded_arrays(tape, case, needed)
             values, verdict = objective(arrays)
-            self._objectives = Sweep(values, larger(arrays["verdict"][0], verdict))
-            self._closing: Sweep | None = None
-            if isinstance(case, ChainCase) and case.is_closed:
-                tape = Tape()
-                _, _, position = joint_positions(tape, case.constants)
-                self._closing = Sweep([*gaps(recorded_tree(tape, case, position))])
+            closures = _closures(tape, case)
+            self._count, self._is_closed = len(values), bool(len(closures))
+            verdict = larger(arrays["verdict"][0], verdict)
+            self._numbers = Sweep([*values, *closures], verdict)
             self._forces = Forces(case) if comes_to_rest else None
 
     def at(self, given: Arrays) -> Slopes | None:
@@ -375,14 +378,24 @@ class Differentiated:
 
         None where the posture is not plainly regular.
         """
-        found = self._objectives.at(given)
+        found, m = self._numbers.at(given), self._count
         every = (found.values, *found.by.values())
         is_finite = all(np.isfinite(x).all() for x in every)
-        if not is_finite or not len(found.values) or found.verdict != PLAIN:
+        if not is_finite or not m or found.verdict != PLAIN:
             return None
-        closing = None if self._closing is None else self._closing.at(given).by
+        by = {name: rows[:m] for name, rows in found.by.items()}
+        closing = {name: rows[m:] for name, rows in found.by.items()}
         forces = None if self._forces is None else self._forces.at(given, closing)
-        return Slopes(found.values, found.by, found.kinks, closing, forces)
+        closing_if_any = closing if self._is_closed else None
+        return Slopes(found.values[:m], by, found.kinks[:m], closing_if_any, forces)
+
+
+def _closures(tape: Tape, case: Case) -> Array:
+    """Residuals of a closed chain's closures; none of other mechanisms."""
+    if not (isinstance(case, ChainCase) and case.is_closed):
+        return zeros(0)
+    _, _, position = joint_positions(tape, case.constants)
+    return gaps(recorded_tree(tape, case, position))
 
 
 class Forces:
@@ -400,13 +413,10 @@ class Forces:
         with uncollected():
             tape = Tape()
             arrays = recorded_arrays(tape, case, ())
-            T, n, residuals = arrays["pose"], 6, zeros(0)
+            T, n, residuals = arrays["pose"], 6, _closures(tape, case)
             self._moving = list(range(n))
             if isinstance(case, ChainCase):
                 n, self._moving = len(case.constants.is_length), case.moving
-            if isinstance(case, ChainCase) and case.is_closed:
-                _, _, position = joint_positions(tape, case.constants)
-                residuals = gaps(recorded_tree(tape, case, position))
             multipliers = tape.vector("multipliers", len(residuals))
             terms: list[tuple[Scalar, Scalar]] = [(arrays["energy"][0], 1.0)]
             terms += zip(residuals, multipliers, strict=True)
@@ -419,10 +429,10 @@ class Forces:
             self._forces = Sweep(forces)
         self._closed = len(residuals)
 
-    def at(self, given: Arrays, closing: Arrays | None) -> dict[str, Array]:
+    def at(self, given: Arrays, closing: Arrays) -> dict[str, Array]:
         """Derivatives (n, ...) by the components of each input array."""
         given = {**given, "multipliers": np.zeros((1, self._closed))}
-        if closing is not None:
+        if self._closed:
             C, f = closing["q"][:, self._moving], self._forces.values(given)
             lam = np.linalg.lstsq(C.T, -f[self._moving], rcond=numerics.RANK)[0]
             given["multipliers"] = lam[None]

@@ -71,13 +71,17 @@ class Varied:
     links : of which the placements move: input "placements", three shifts along axes of
         the carrier and three rotations about their own axes for each, all of them
         nominally zero.
-    ends : the same of frames of closures: the tie's index, and 0 for a or 1 for b.
+    ends : the same of frames of closures: for each frame the ties that it ends, with 0
+        where it is their a and 1 where it is their b.
     masses : whether the masses of the joints' bodies are the input "masses".
+    factors : for each spring of a link, coupled ones before still ones, the component of
+        the input "factors" that multiplies its stiffness.
     """
 
     links: tuple[int, ...] = ()
-    ends: tuple[tuple[int, int], ...] = ()
+    ends: tuple[tuple[tuple[int, int], ...], ...] = ()
     masses: bool = False
+    factors: tuple[int, ...] = ()
 
 
 #: The geometry of ordinary programs is constant.
@@ -201,23 +205,26 @@ def _only_masses_beside(tree: KinematicTree, path: NDArray[np.intp]) -> bool:
 
 
 class VariedNumbers(NamedTuple):
-    """Recorded numbers of `Varied`: six of each link and end, and the masses."""
+    """Recorded numbers of `Varied`: six of each link and end, masses, and factors of
+    links' springs.
+    """
 
     links: Mapping[int, Array] = {}
     ends: Mapping[tuple[int, int], Array] = {}
     masses: Array | None = None
+    factors: Array | None = None
     tool: Array | None = None
 
     @classmethod
     def of(cls, tape: Tape, varied: Varied, joints: int) -> VariedNumbers:
         """Inputs of a tape."""
         places = (*varied.links, *varied.ends)
-        numbers = tape.vector("placements", 6 * len(places)).reshape(-1, 6)
-        count = len(varied.links)
+        numbers = iter(tape.vector("placements", 6 * len(places)).reshape(-1, 6))
         return cls(
-            dict(zip(varied.links, numbers[:count], strict=True)),
-            dict(zip(varied.ends, numbers[count:], strict=True)),
+            {link: next(numbers) for link in varied.links},
+            {end: row for own in varied.ends for row in [next(numbers)] for end in own},
             tape.vector("masses", joints) if varied.masses else None,
+            tape.vector("factors", 1 + max(varied.factors, default=-1)),
         )
 
 

@@ -281,9 +281,11 @@ class Parameters:
 
     @property
     def rests_are_given(self) -> bool:
-        """Whether the springs hold the posture by rest positions that are all given."""
+        """Whether rest positions of springs are given, which hold the posture."""
         springs = self.result.elastic_as_given.springs
-        return springs is not None and not np.isnan(springs.rest).all()
+        if springs is None:
+            return False
+        return not np.array_equal(springs.rest_is_free(), ~springs.is_passive)
 
     @property
     def held_wrench(self) -> Array | None:

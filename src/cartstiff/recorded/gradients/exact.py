@@ -53,7 +53,8 @@ _SHAPES = {
     "kinetic": (-1, -1),
     "motion": (6, -1),
 }
-_XYZ, _RXYZ = ("x", "y", "z"), ("rx", "ry", "rz")
+_XYZ = "x", "y", "z"
+_SHIFTS_AND_TURNS = *_XYZ, "rx", "ry", "rz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,11 +243,16 @@ class Recorded:
             by["points"] = in_P.reshape(len(in_P), -1)
         if "wrench" in by and self._load.by_given is not None:
             by["wrench"] = by["wrench"] @ self._load.by_given
+        # Links that a number bends are no longer those that the arithmetic knows.
+        still = self.case.still if isinstance(self.case, ChainCase) else ()
+        straight = [j for own, _ in still for j in own]
+        bends = {a: np.atleast_1d(rows[straight].any(0)) for a, rows in following.items()}
         named = {
             name: by[array][:, i]
             for array, components in self.names.items()
             if array in by
             for name, i in components.items()
+            if array not in bends or not bends[array][i]
         }
         return self._of_measured(named) | named
 
@@ -326,6 +332,9 @@ class Recorded:
             case, more = _varied_chain(chain, case, self._own)
             places = len(case.varied.links) + len(case.varied.ends)
             shared["placements"] = np.zeros((1, 6 * places))
+            if case.coupled or case.still:
+                case, more["factors"] = self._with_factors(case)
+                shared["factors"] = np.ones((1, len(more["factors"])))
             if case.varied.masses:
                 own = (
                     case.fields[0].weights if case.bodies is None else case.bodies.masses
@@ -333,6 +342,16 @@ class Recorded:
                 shared["masses"] = np.array([own])
             self.names |= more
         return replace(taken, case=case, shared=shared)
+
+    def _with_factors(self, case: ChainCase) -> tuple[ChainCase, dict[str, int]]:
+        """A chain's arithmetic with factors on links' stiffness, and their names."""
+        known, names, which = self.elastic.labelled(), dict[str, int](), list[int]()
+        for at, _ in (*case.coupled, *case.still):
+            (own,) = (each for each in known if at[0] in each[0].members)
+            name = next(iter(own[0].numbers(own[1])), "")
+            which.append(names.setdefault(name, len(names)))
+        varied = replace(case.varied, factors=tuple(which))
+        return replace(case, varied=varied), names
 
     @cached_property
     def _moving(self) -> list[int]:
@@ -423,18 +442,20 @@ def _varied_chain(
     # Each link and each end of a closure that a parameter moves is one input of six
     # numbers.
     places = [f"placement.{tree.model.names[j + 1]}" for j in path] + ["frame"]
-    links = tuple(i for i, name in enumerate(places) if f"{name}.x" in own)
+    varying = {name.rpartition(".")[0] for name in own}
+    links = tuple(i for i, name in enumerate(places) if name in varying)
     found = [places[i] for i in links]
-    ends = list[tuple[int, int]]()
+    # A frame may close several loops.
+    ends = dict[str, list[tuple[int, int]]]()
     for tie, closure in enumerate(chain.closures):
         for side, frame in enumerate((closure.frame_a, closure.frame_b)):
-            if f"closure.{frame}.x" in own:
-                ends.append((tie, side))
-                found.append(f"closure.{frame}")
+            if f"closure.{frame}" in varying:
+                ends.setdefault(f"closure.{frame}", []).append((tie, side))
+    found += ends
     names["placements"] = {
         f"{name}.{axis}": 6 * i + k
         for i, name in enumerate(found)
-        for k, axis in enumerate((*_XYZ, *_RXYZ))
+        for k, axis in enumerate(_SHIFTS_AND_TURNS)
         if f"{name}.{axis}" in own
     }
     # A mass matters where there is weight, or where the masses swing.
@@ -447,7 +468,7 @@ def _varied_chain(
             for j, name in tree.links().items()
             if j - 1 in at and f"mass.{name}" in own
         }
-    varied = Varied(links, tuple(ends), has_masses)
+    varied = Varied(links, tuple(map(tuple, ends.values())), has_masses)
     return replace(case, varied=varied), names
 
 
