@@ -211,6 +211,38 @@ def test_any_optimiser_finds_the_isotropic_inclination():
     assert -bound.fun == pytest.approx(3e6 * (1 - 0.64), rel=5e-3)
 
 
+@pytest.mark.parametrize("of", ["worst", "mean", "median"])
+def test_gradients_are_those_of_differences_of_whole_designs(of):
+    """At the poses that decide, with a load, a length of the design's own and arithmetic."""
+    evaluate = evaluator(
+        study(
+            variables={"sz": [0.3, 0.8], "a": [0.2, 0.5], "half": [0.1, 0.4]},
+            poses={"grid": {"x": [-0.02, 0.03, 2], "roll": [-0.1, 0.2, 2]}, "about_home": True},
+            cases={"idle": {}, "loaded": {"wrench": WRENCH, "direction": [1, 2, 2], "world": True}},
+            objectives={
+                "softest": {"quantity": "translation_free_min", "of": of, "case": "idle"},
+                "along": {"quantity": "along_held", "of": of, "case": "loaded"},
+                "condition": {"quantity": "condition", "of": of, "case": "idle"},
+                "wide": {"value": "=2*a + sz**2", "goal": "smallest"},
+            },
+        )
+    )
+    at = {"sz": 0.55, "a": 0.3, "half": 0.2}
+    found = evaluate.gradient(at)
+    for variable, x in at.items():
+
+        def values(h, variable=variable, x=x):
+            return np.array([*evaluate({**at, variable: x + h}).values.values()])
+
+        near, far = ((values(h) - values(-h)) / (2 * h) for h in (1e-4, 2e-4))
+        wanted, sizes = (4 * near - far) / 3, np.abs(values(0.0))
+        got = np.array([row[variable] for row in found.values()])
+        np.testing.assert_array_less(np.abs(got - wanted), 1e-7 * (np.abs(wanted) + sizes))
+    shares = {"far": {"quantity": "along_held", "of": "share", "above": 1.0}}
+    with pytest.raises(InputError, match="no derivative"):
+        evaluator(study(objectives=shares)).gradient({"sz": 0.5})
+
+
 def test_low_discrepancy_points_fill_the_ranges():
     ranges = {"sz": {"low": 0.1, "high": 0.9}, "a": {"low": 0.01, "high": 1.0, "log": True}}
     for kind in ("sobol", "latin-hypercube"):

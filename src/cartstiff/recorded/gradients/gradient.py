@@ -301,6 +301,18 @@ def gradient(
     return _Question(subject, asked, load, kind).gradient(by)
 
 
+def exact_slopes(
+    subject: PostureStiffness | Equilibrium,
+    asked: Asked,
+    load: Mapping[str, Any],
+    kind: LoadKind,
+) -> dict[str, float]:
+    """Derivatives by name of an objective under a load in words of `analyse`; empty where
+    they are not exact.
+    """
+    return _Question(subject, asked, load, kind)._exact()[0]
+
+
 @lru_cache(maxsize=8)
 def _program(
     case: Case, asked: Asked, lengths: tuple[bool, ...], comes_to_rest: bool

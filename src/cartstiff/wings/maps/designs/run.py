@@ -11,6 +11,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -29,6 +30,7 @@ from cartstiff.core.errors import (
 )
 from cartstiff.core.figures import new_figure
 from cartstiff.core.geometry import se3
+from cartstiff.core.geometry.differences import jacobian
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.gravity_loads import gravity_loads, with_default_gravity
@@ -42,6 +44,7 @@ from cartstiff.kinematics.at_pose import COORDINATES
 from cartstiff.recorded.kernels import WORTH_MAPPING, lasting_path
 from cartstiff.recorded.quantities import quantity_named
 from cartstiff.wings.maps.cartesian import AtPoses
+from cartstiff.wings.maps.designs.slopes import AtPose, rates_at
 from cartstiff.wings.maps.designs.study import (
     Case,
     Measure,
@@ -67,6 +70,8 @@ MAX_SINGLE_POSES = 8
 FIRST_POSES = 5
 #: Number of poses that take as long as preparing the stacks of one design.
 PREPARATION_POSES = 50
+#: Share of a variable's range that steps of difference quotients refer to.
+_STEP_SHARE = 0.05
 _REDUCTIONS: dict[str, Callable[[Array], Array]] = {
     "min": np.min,
     "max": np.max,
@@ -222,6 +227,96 @@ class StudyEvaluator:
             ", ".join(broken),
         )
 
+    def gradient(self, parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
+        """Derivatives of objectives and constraints by each variable.
+
+        They are exact by the mechanism's numbers, which follow the variables by the
+        file's arithmetic (`cartstiff.wings.maps.designs.slopes`). The worst, best and
+        median of all poses are those of the pose that decides.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float
+            Values of the variables.
+
+        Raises
+        ------
+        CartstiffError
+            Where the design fails.
+        InputError
+            For a share of the poses, which changes in steps.
+        """
+        names = list(self.study.variables)
+        start, of = np.array([parameters[name] for name in names]), self.study.variables
+        sizes = _STEP_SHARE * np.array([of[n].size_at(parameters[n]) for n in names])
+
+        @cache
+        def read(*values: float) -> ElasticMechanism:
+            return self.mechanism({**parameters, **dict(zip(names, values, strict=True))})
+
+        def there(change: Array) -> ElasticMechanism:
+            return read(*(start + change).tolist())
+
+        found = {}
+        for name, measure in self.study.measures.items():
+            row = self._slopes(name, measure, there, sizes)
+            found[name] = dict(zip(names, row.tolist(), strict=True))
+        return found
+
+    def _slopes(
+        self,
+        name: str,
+        measure: Measure,
+        there: Callable[[Array], ElasticMechanism],
+        sizes: Array,
+    ) -> Array:
+        """Derivatives (v,) of a measure by the variables, from changes to mechanisms."""
+        if measure.quantity is None:
+            value = measure.arithmetic(name).value
+            return jacobian(lambda change: value(there(change).parameters), sizes)
+        case, asked = self.study.case(self.study.case_of(measure)), [measure.quantity]
+
+        def at(change: Array, pose: int) -> AtPose:
+            return AtPose(self._job(there(change), case, asked), pose)
+
+        home = self._job(there(np.zeros(sizes.size)), case, asked)
+        values, _ = self._map(home)
+        weights = self._weights(measure, values[measure.quantity])
+        parts = [
+            weights[pose] * rates_at(partial(at, pose=pose), sizes)
+            for pose in np.flatnonzero(weights).tolist()
+        ]
+        return np.asarray(np.sum(parts, axis=0))
+
+    def _weights(self, measure: Measure, values: Array) -> Array:
+        """Derivatives (N,) of a measure by the quantity's values at the poses."""
+        exists = np.flatnonzero(np.isfinite(values))
+        of = self._reduction(measure)
+        if of not in _REDUCTIONS:
+            raise InputError(
+                "a share of poses changes in steps: it has no derivative",
+                expected="the worst, best, min, max, mean or median of them",
+                got=of,
+            )
+        order, count = exists[np.argsort(values[exists], kind="stable")], len(exists)
+        deciding = {
+            "min": order[:1],
+            "max": order[-1:],
+            "mean": order,
+            "median": order[(count - 1) // 2 : count // 2 + 1],
+        }[of]
+        weights = np.zeros(len(values))
+        weights[deciding] = 1.0 / len(deciding)
+        return weights
+
+    def _reduction(self, measure: Measure) -> str:
+        """What is taken of the poses; the worst and the best are an end."""
+        of = measure.of or "worst"
+        if of in ("worst", "best"):
+            larger = self._better(measure) == "larger"
+            of = "min" if (of == "worst") == larger else "max"
+        return of
+
     def unit(self, measure: Measure) -> str:
         """Return the unit of a measure; "" for arithmetic, whose unit is unknown."""
         if measure.of in ("share", "reached"):
@@ -370,11 +465,7 @@ class StudyEvaluator:
             return float(within.mean())
         if not exists.any():
             raise _NoValueError(_reason(state, ~exists))
-        there, of = values[exists], measure.of or "worst"
-        if of in ("worst", "best"):
-            larger = self._better(measure) == "larger"
-            of = "min" if (of == "worst") == larger else "max"
-        value: Array = _REDUCTIONS[of](there)
+        value: Array = _REDUCTIONS[self._reduction(measure)](values[exists])
         return float(value)
 
 

@@ -85,6 +85,12 @@ class Variable(FileModel):
         # Twelve digits: readable, and the same on every processor.
         return min(max(float(f"{value:.12g}"), low), high)
 
+    def size_at(self, value: float) -> float:
+        """Its range, or among values the size of one, which is at least 1 near zero."""
+        if self.low is None or self.high is None:
+            return abs(value) or 1.0
+        return self.high - self.low
+
     @property
     def grid(self) -> list[float]:
         """Values of a grid."""
