@@ -232,7 +232,8 @@ class StudyEvaluator:
 
         They are exact by the mechanism's numbers, which follow the variables by the
         file's arithmetic (`cartstiff.wings.maps.designs.slopes`). The worst, best and
-        median of all poses are those of the pose that decides.
+        median of all poses are those of the pose that decides; characteristic lengths
+        stay.
 
         Parameters
         ----------

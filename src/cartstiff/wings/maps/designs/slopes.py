@@ -20,11 +20,13 @@ import numpy as np
 from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
 from cartstiff.core.geometry.differences import jacobian
-from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.compute import PostureStiffness, analyse
 from cartstiff.recorded.gradients.gradient import exact_slopes
 from cartstiff.recorded.gradients.objectives import OfQuantity
 from cartstiff.wings.maps.job import MapJob
+
+#: Share of the variables' sizes by which the design that is compared differs.
+_OTHER_DESIGN = 0.02
 
 
 class AtPose:
@@ -58,31 +60,29 @@ class AtPose:
         q = zip(self.elastic.names, self.q.tolist(), strict=True)
         return own | {f"q.{name}": value for name, value in q}
 
-    def result(self, elastic: ElasticMechanism, q: Array) -> PostureStiffness:
-        """The analysis of a mechanism under the load."""
-        return analyse(elastic, q, **self.load)
-
     @property
-    def value(self) -> float:
-        """The quantity."""
-        return self.asked.seen(self.result(self.elastic, self.q))
+    def result(self) -> PostureStiffness:
+        """The analysis under the load."""
+        return analyse(self.elastic, self.q, **self.load)
 
     def is_like(self, other: AtPose) -> bool:
         """Whether the numbers alone make this design the other one."""
         names, numbers = self.elastic.numbers(), other.numbers
+        if numbers.keys() != self.numbers.keys():
+            return False
         moved = self.elastic.with_numbers({name: numbers[name] for name in names})
-        seen, there = self.asked.seen(self.result(moved, other.q)), other.value
-        return abs(seen - there) <= numerics.NEGLIGIBLE_DIFFERENCE * abs(there)
+        found = self.asked.seen(analyse(moved, other.q, **self.load))
+        wanted = self.asked.seen(other.result)
+        return abs(found - wanted) <= numerics.NEGLIGIBLE_DIFFERENCE * abs(wanted)
 
     def slopes(self) -> dict[str, float]:
         """Exact derivatives by the numbers; empty where there are none."""
-        subject = self.result(self.elastic, self.q)
-        return exact_slopes(subject, self.asked, self.load, self._kind)
+        return exact_slopes(self.result, self.asked, self.load, self._kind)
 
 
 def rates_at(there: Callable[[Array], AtPose], sizes: Array) -> Array:
     """Derivatives (v,) of a quantity by variables of natural sizes, from their changes
-    to the design.
+    to the design. The characteristic length stays.
 
     Raises
     ------
@@ -96,9 +96,9 @@ def rates_at(there: Callable[[Array], AtPose], sizes: Array) -> Array:
         at = there(change).numbers
         return [at[name] for name in names]
 
-    if slopes and here.is_like(there(numerics.DIFFERENCE_STEP * sizes)):
+    if slopes and here.is_like(there(_OTHER_DESIGN * sizes)):
         rates = jacobian(numbers, sizes)
         moving = [i for i, row in enumerate(rates) if row.any()]
         if all(names[i] in slopes for i in moving):
             return np.asarray([slopes[names[i]] for i in moving] @ rates[moving])
-    return jacobian(lambda change: there(change).value, sizes)
+    return jacobian(lambda change: here.asked.seen(there(change).result), sizes)
