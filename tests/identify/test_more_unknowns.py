@@ -145,6 +145,12 @@ def test_a_counterbalance_line_beside_a_joint(tmp_path):
     (tmp_path / "other.yaml").write_text(text, "utf-8")
     other = cartstiff.load(str(tmp_path / "other.yaml"))
     result = identify(other, measured, sought=("joints", "lines"))
+    assert result.model.by_differences == []
+    x = result.model.unknowns.nominal
+    slopes = result.model.at(x)[1]
+    step = 1e-4 * x * (np.arange(len(x)) == len(x) - 1)
+    change = (result.model.at(x + step)[0] - result.model.at(x - step)[0]) / (2.0 * step[-1])
+    np.testing.assert_allclose(slopes[:, -1], change, atol=1e-6 * np.abs(change).max())
     found = {e.name: e.stiffness for e in result.estimates}
     assert found["line1"] == pytest.approx(3.0e4, rel=0.05)
     assert found["j2"] == pytest.approx(2.5e4, rel=0.05)

@@ -726,7 +726,14 @@ def _assumed(result: Identification) -> Iterator[Note]:
             "positions: "
             "--loaded fits the equilibrium itself"
         )
-        yield Note("linear-model", words)
+        names = result.unknowns.names
+        tensioned = [names[p] for p in result.model.by_differences]
+        if tensioned:
+            words += (
+                f"; derivatives by {', '.join(tensioned)} are central differences, as "
+                "forces in the closures follow the tension of such a line"
+            )
+        yield Note("linear-model", words, {"by_differences": tensioned})
     if needs_equilibrium(elastic):
         words = (
             "nonlinear springs stand in a loop or beside lines: what each carries "

@@ -270,9 +270,7 @@ class Model:
             torque.
         """
         y, A = self._at(theta)
-        for p in (
-            self._tensioned
-        ):  # the tension, and with it the turning stiffness, changes too
+        for p in self.by_differences:
             step = np.zeros(len(theta))
             step[p] = numerics.WIDE_DIFFERENCE_STEP * self.unknowns.sizes[p]
             A[:, p] = (self._at(theta + step)[0] - self._at(theta - step)[0]) / (
@@ -281,8 +279,13 @@ class Model:
         return y, A
 
     @cached_property
-    def _tensioned(self) -> list[int]:
-        """Parameters of lines whose rest lengths are given."""
+    def by_differences(self) -> list[int]:
+        """Parameters of lines with given rest lengths in closed chains and platforms,
+        whose other forces follow the tension: derivatives are central differences.
+        """
+        mechanism = self._rest.mechanism
+        if not (mechanism.closures or mechanism.coordinates_are_pose):
+            return []
         lines = {n for n in self._rest.compliances if n.startswith("line")}
         lines -= set(self._rest.names)
         return [
