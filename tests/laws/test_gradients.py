@@ -200,7 +200,7 @@ def test_along_a_change_of_all_numbers(seed: int) -> None:
     case.along({x.name: case.rng.uniform(-1.0, 1.0) * x.size for x in case.found}, 0.0)
 
 
-@pytest.mark.parametrize("seed", _cases(300, lambda seed: seed in (0, 31, 93)))
+@pytest.mark.parametrize("seed", _cases(300, lambda seed: seed in (5, 31, 93)))
 def test_along_each_number_alone(seed: int) -> None:
     case = Case(seed)
     for slope in case.found:
