@@ -540,7 +540,7 @@ def equilibrated_squares(matrix: Array, inverse: Array) -> tuple[Scalar, Scalar]
 #: Numbers besides those of the springs that may be inputs: the load's point in M, mass
 #: and centre in M of a payload, and a chain's tool, whose pose in the present M (x, y, z;
 #: roll, pitch, yaw) is the M of all others.
-CASE_INPUTS = ("load_at", "payload", "tcp")
+CASE_INPUTS = {"load_at": 3, "payload": 4, "tcp": 6}
 
 
 def taut_stiffness(stiffness: Scalar, stretch: Scalar) -> Scalar:

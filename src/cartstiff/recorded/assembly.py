@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cartstiff.core import numerics
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.closures import LONGEST_STEP
 from cartstiff.recorded.algebra import PLAIN
-from cartstiff.recorded.closed_chains import STEPS, is_shut
+from cartstiff.recorded.closed_chains import STEPS, Closings, is_shut
 from cartstiff.recorded.execution import CompiledPosture, OnePosture, PrintedPosture
 from cartstiff.recorded.kernels import has_package
 from cartstiff.recorded.plans import CLOSING, TracedModel, program_for
@@ -48,7 +47,7 @@ class Assembly:
         if home is None or not (steps := home.steps_where_asked(q[None])).any():
             return self._near(q)
 
-        def near(start: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        def near(start: Array) -> Closings:
             at = self._near(start[0])
             shut = np.array([at is not None])
             return start if at is None else at[None], shut, ~shut

@@ -426,13 +426,13 @@ def closing_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     return {"next": q + step, "left": left}
 
 
+#: Coordinates (N, n), where they close the chain, and where no steps can.
+Closings = tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]
 #: Runs a program over rows: inputs by name to outputs by name.
 Step = Callable[[Arrays], dict[str, Array]]
 
 
-def close(
-    ways: Sequence[Callable[[], Step]], q: Array
-) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+def close(ways: Sequence[Callable[[], Step]], q: Array) -> Closings:
     """Coordinates that close the chain from q (N, n), where they do,
     and where no steps can.
 

@@ -20,6 +20,7 @@ from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.closures import ReferencePosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.recorded.closed_chains import Closings
 from cartstiff.recorded.kernels import Backend, Closer, has_package
 
 # Largest change of a held coordinate by the closures.
@@ -79,7 +80,7 @@ class Assembler:
         at, is_closed, _ = self._near(q)
         return at, is_closed
 
-    def _near(self, q: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    def _near(self, q: Array) -> Closings:
         at, is_closed, is_vain = self._steps(q)
         at = at.copy()
         for i in np.flatnonzero(~is_closed & ~is_vain):

@@ -16,7 +16,7 @@ from cartstiff.core.numerics.threads import process_lock
 from cartstiff.recorded.algebra import FALLBACK, PLAIN
 from cartstiff.recorded.arguments import aligned_empty
 from cartstiff.recorded.chains import ChainCase
-from cartstiff.recorded.closed_chains import close, settle
+from cartstiff.recorded.closed_chains import Closings, close, settle
 from cartstiff.recorded.execution import (
     CHUNK,
     STREAMED,
@@ -157,9 +157,7 @@ class _PostureSolver:
     def __bool__(self) -> bool:
         return bool(self._closing) or self._settling is not None
 
-    def closed(
-        self, q: Array, first: int | None = None
-    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    def closed(self, q: Array, first: int | None = None) -> Closings:
         """Result of `close` for coordinates (N, n), by the `first` few ways, or all."""
         return close(self._closing[:first], q)
 
@@ -214,7 +212,7 @@ class Closer:
         if not isinstance(taken, str) and taken.is_closed:
             self._solver = _PostureSolver(taken, path == "compiled")
 
-    def __call__(self, q: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    def __call__(self, q: Array) -> Closings:
         """Coordinates from q (N, n), where they close the chain, and where no steps can.
 
         Coordinates that do not close the chain are as given.

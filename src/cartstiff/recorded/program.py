@@ -33,7 +33,7 @@ from cartstiff.core.stiffness.applied_load import (
     checked_load,
 )
 from cartstiff.core.stiffness.compute import PostureStiffness
-from cartstiff.recorded.algebra import PLAIN
+from cartstiff.recorded.algebra import CASE_INPUTS, PLAIN
 from cartstiff.recorded.arguments import (
     EVERY_OUTPUT,
     NOTEWORTHY,
@@ -304,8 +304,7 @@ class Program(Recording):
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
         """Numbers of an input."""
-        sizes = {"load_at": 3, "payload": 4, "tcp": 6}
-        size = sizes.get(name) or len(springs_of(self.elastic).stiffness)
+        size = CASE_INPUTS.get(name) or len(springs_of(self.elastic).stiffness)
         found = _as_vector(values, size, name)
         if name == "payload" and found[0] < 0.0:
             raise InputError(
