@@ -237,6 +237,12 @@ export function compareCard(store) {
   function update() {
     const { rows, numbers } = store;
     for (const row of rows) if (row.figure) caption(row);
+    const { dataset } = byId("legend");
+    delete dataset.name;
+    if (numbers && !beside.hidden) {
+      const way = numbers.moved?.resisted ? `, ${displacementWords(store)}` : "";
+      dataset.name = `${store.hello.mechanism.name}${way}`;
+    }
     keep.disabled = !store.freeNumber;
     keep.textContent = store.freeNumber ? `Keep as ${store.freeNumber}` : "Three are kept";
     table.hidden = aside.hidden = !rows.length;

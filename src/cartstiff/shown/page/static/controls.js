@@ -4,7 +4,7 @@ import { stiffnessBall } from "./ball.js";
 import { button, byId, choice, dropdown, el, engineering, heading, hint, stateChoice, tabs, toast } from "./dom.js";
 import { fields, sliderRow } from "./inputs.js";
 import { NEGLIGIBLE_DIFFERENCE, ZERO_SHARE } from "./numerics.js";
-import { standAtExtreme } from "./pick.js";
+import { pointOfMap, standAt, standAtExtreme, words } from "./pick.js";
 import { givenLoad } from "./store.js";
 
 const COORDINATES = ["x", "y", "z"];
@@ -255,12 +255,18 @@ export function pictureControls(store) {
       points.quantities.map(({ name, unit }) => [name, unit ? `${name} (${unit})` : name]),
       (name) => store.change({ quantity_of_map: name }));
     const thinned = points.thinned > 1 ? `, one of ${points.thinned} in its file: a page shows no more` : "";
-    const extreme = (words, sign) => button(words, () => standAtExtreme(store, sign),
+    const extreme = (end, sign) => button(end, () => standAtExtreme(store, sign),
       { class: "quiet", disabled: !points.has_postures || !store.source.moves,
-        title: `Stand at the point of the map with its ${words} value` });
+        title: `Stand at the point of the map with its ${end} value` });
+    const [number, said] = [el("input", { type: "number", min: 1, max: points.count,
+      title: "Read a point of the map by its number; Enter makes it the posture" }), el("p.hint", { role: "status" })];
+    const numbered = () => pointOfMap(store, number.valueAsNumber - 1);
+    number.addEventListener("input", () => { said.textContent = numbered() ? words(store, numbered()) : ""; });
+    number.addEventListener("keydown", ({ key }) => { if (key === "Enter" && numbered()) standAt(store, numbered()); });
     list.append(el("div", { id: "map-choice" },
       el("label.line", "map", select),
       el("div.row", extreme("lowest", -1), extreme("highest", 1)),
+      el("label.line", "point", number), said,
       hint(`${points.count} points${thinned}`)));
     select.value = store.state.quantity_of_map;
     select.disabled = fixed;

@@ -140,7 +140,7 @@ export function deflectionPanel(store) {
     const words = [onLines, ...found.map(({ kind, words: own }) =>
       (kind === "assumed" && assumed ? `${own}: ${assumed}` : own))].filter(Boolean);
     doubt.hidden = !words.length;
-    doubt.textContent = words.join("; ");
+    doubt.textContent = plainly(words.join("; "));
     doubt.title = found.some(({ kind }) => kind === "illustrative") ? store.hello.mechanism.source : "";
     // Where the answer is here, what to try instead is not said.
     const tried = moved?.resisted ? null : verdict.advice;

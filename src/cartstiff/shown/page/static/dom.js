@@ -203,6 +203,9 @@ export function reveal(node) {
   node.scrollIntoView({ block: "nearest" });
 }
 
+/** Steps [across, up] of the arrow keys. */
+export const ARROWS = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+
 /** Words within a box, so many dots beside a pointer; `say` shows them, or none. */
 export function tipIn(box, kind, [right, down]) {
   const node = el("div", { class: `tip ${kind}`, role: "status", hidden: true });

@@ -1,7 +1,7 @@
 // A quantity over two coordinates, as colours: sweeps of the first, one for each value of the second.
 
 import { bright, goodness, isOutside } from "./bright.js";
-import { clamp, download, dropdown, engineering, short } from "./dom.js";
+import { ARROWS, clamp, download, dropdown, engineering, short } from "./dom.js";
 import { isWhole, nearer, Plot } from "./plot.js";
 import { drawing, provenance, saveDrawing, svg, table } from "./plotfiles.js";
 import { curvesOf, inWords } from "./store.js";
@@ -206,14 +206,23 @@ export function heat(store, what) {
         short(good.low, 3)} to ${short(good.high, 3)}${good.isLog ? ", by logarithms" : ""}: ${meaning}`);
   }
 
+  /** The cell with these indices; null where no row has come. */
+  function cellAt(i, j) {
+    const row = map.rows[standsFor(j)]?.[i];
+    return row ? { row, i, j, x: map.xs[i], y: map.ys[standsFor(j)] } : null;
+  }
+
+  /** The cell at a number of each coordinate. */
+  const nearest = (at) => cellAt(...[map.xs, map.ys].map((list, k) => clamp(Math.round((at[k] - list[0]) / step(list)),
+    0, list.length - 1)));
+
   /** The cell under a pointer, and the values there. */
   function under(event) {
     if (!map) return null;
     const at = axes().map((axis, k) => axis.value(plot.dots(event)[k]));
     if (!seen().every(([low, high], k) => at[k] >= low && at[k] <= high)) return null;
-    const [i, j] = [map.xs, map.ys].map((list, k) => Math.round((at[k] - list[0]) / step(list)));
-    const row = map.rows[standsFor(j)]?.[i];
-    return row ? { row, x: map.xs[i], y: map.ys[standsFor(j)], at } : null;
+    const found = nearest(at);
+    return found && { ...found, at };
   }
 
   plot.onwheel((times, event) => {
@@ -221,15 +230,33 @@ export function heat(store, what) {
     if (found) zoom(times, found.at);
     return found !== null;
   });
-  plot.node.addEventListener("pointermove", (event) => {
-    const found = under(event);
+  /** Say a cell's values at a place of the screen. */
+  function read(found, event) {
     if (!found) return what.say(null);
     const all = told();
     const value = all.one(found.row);
     const words = value === null ? why(all, found.row) : `${short(value, 5)} ${all.unit}`;
     what.say(`${inWords(store, map.first, found.x, 3)}, ${inWords(store, map.second, found.y, 3)}: ${words}`, event);
+  }
+  plot.node.addEventListener("pointermove", (event) => read(under(event), event));
+  for (const event of ["pointerleave", "blur"]) plot.node.addEventListener(event, () => {
+    what.say(null);
+    chosen = null;
   });
-  plot.node.addEventListener("pointerleave", () => what.say(null));
+  plot.node.setAttribute("tabindex", "0");
+  let chosen = null; // the cell that the arrow keys have reached
+  plot.node.addEventListener("keydown", (event) => {
+    const way = ARROWS[event.key];
+    if (!map || !way && event.key !== "Enter") return;
+    event.preventDefault();
+    if (!way) return chosen && go([chosen.x, chosen.y]);
+    chosen = chosen ? cellAt(clamp(chosen.i + way[0], 0, map.xs.length - 1), clamp(chosen.j + way[1], 0,
+      map.ys.length - 1)) : nearest([map.first, map.second].map((i) => store.state.q[i]));
+    if (!chosen) return;
+    const { left, top } = plot.node.getBoundingClientRect();
+    const [x, y] = axes();
+    read(chosen, { clientX: left + x.place(chosen.x), clientY: top + y.place(chosen.y) });
+  });
   plot.node.addEventListener("click", (event) => {
     const found = under(event);
     if (found) go([found.x, found.y]);

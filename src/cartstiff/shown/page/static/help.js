@@ -58,8 +58,8 @@ export function shortcuts(store, parts) {
       hint("Mouse in the picture: left turns, right moves, wheel zooms; the ball at M and its arms move the tool, its "
         + "rings turn it (Shift: in steps of 5°), the balls at the load's arrows pull them, the ring about the "
           + "moment's line makes it larger or smaller (Alt: without snapping); a point of a map that is clicked "
-            + "becomes the posture. Arrow keys turn the view, + and − zoom. The wheel zooms curves, as + and − do on "
-              + "their slider."),
+            + "becomes the posture. Arrow keys turn the view, with Shift they move it, + and − zoom. The wheel zooms "
+              + "curves, as + and − do on their slider. In a map of colours arrow keys read cells, Enter goes there."),
       hint(`cartstiff ${store.hello.version}`));
     dialog.showModal();
   }

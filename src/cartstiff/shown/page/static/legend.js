@@ -117,7 +117,7 @@ export function legendBox(store) {
       ` ${legend.bar.text}`),
       ...legend.lines.filter(({ mark }) => mark !== "tension" || !isShared(store.numbers))
         .map(({ mark, title, text }) => ({ mark, title, text: unsaid(text, store.numbers.result.notes) }))
-        .map(({ mark, text, title }) => el("div", { title },
+        .map(({ mark, text, title }) => el("div", { title, tabindex: title.startsWith(text) ? false : 0 },
         el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${typeset(text)}`)));
     bars();
     // An address may ask for another posture than the one that the first picture was framed for.

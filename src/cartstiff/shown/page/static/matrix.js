@@ -1,7 +1,7 @@
 // The 6x6 matrix as a heat map with units, and the choice of connection.
 
 import { sureOfInverse } from "./algebra.js";
-import { all, button, byId, choice, copy, dropdown, el, inSize, short, stateChoice, sure } from "./dom.js";
+import { ARROWS, all, button, byId, choice, copy, dropdown, el, inSize, short, stateChoice, sure } from "./dom.js";
 import { ROUNDOFF, UNCOUPLED } from "./numerics.js";
 import { safeCell } from "./plotfiles.js";
 
@@ -76,11 +76,11 @@ export function matrixPanel(store) {
   table.addEventListener("focusin", (event) => point(event.target));
   table.addEventListener("pointerleave", () => point(null));
   table.addEventListener("keydown", (event) => {
-    const step = { ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowDown: [1, 0], ArrowUp: [-1, 0] }[event.key];
+    const step = ARROWS[event.key];
     if (!step || !event.target.dataset.row) return;
     event.preventDefault();
-    const i = (Number(event.target.dataset.row) + step[0] + 6) % 6;
-    const j = (Number(event.target.dataset.column) + step[1] + 6) % 6;
+    const i = (Number(event.target.dataset.row) - step[1] + 6) % 6;
+    const j = (Number(event.target.dataset.column) + step[0] + 6) % 6;
     cells[i][j].focus();
   });
 

@@ -66,7 +66,8 @@ export function numbersPanel(store) {
     };
     const none = () => el("td.num", { title: "does not exist here" }, "–");
     return el("tr", { "data-row-of": kind },
-      el("th", { scope: "row" }, el("span", { class: `mark ${kind}`, "aria-hidden": "true" }, mark), ` ${kind} `,
+      el("th", { scope: "row", tabindex: 0 },
+        el("span", { class: `mark ${kind}`, "aria-hidden": "true" }, mark), ` ${kind} `,
         el("span.unit", `${read}, ${others}`)),
       ...values.map((x, i) => (x === null ? none() : cell(x, i))));
   }
@@ -121,7 +122,8 @@ export function notesCard(store) {
   store.on("numbers", () => {
     const { doubts, result } = store.numbers;
     const rank = ({ code }) => (doubts.includes(code) ? doubts.indexOf(code) : doubts.length);
-    const elsewhere = store.shown.connection === "F" ? ["force-limits"] : ["force-limits", "kf-undefined"];
+    const elsewhere = ["force-limits", "stiffness-assumed", "held-by-lines"]; // the answer has these
+    if (store.shown.connection !== "F") elsewhere.push("kf-undefined");
     const found = result.notes.filter(({ code }) => !elsewhere.includes(code)).toSorted((a, b) => rank(a) - rank(b));
     notes.replaceChildren(...found.map(({ message }) => el("li",
       plainly(`${message[0].toUpperCase()}${message.slice(1)}`))));

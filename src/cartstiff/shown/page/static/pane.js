@@ -15,6 +15,8 @@ const DIRECTIONS = { iso: [1, -1.05, 0.75], front: [1, 0, 0.12], side: [0, -1, 0
 const TURN = Math.PI / 36;
 const ZOOM = 1.1;
 const POLE = 0.02;
+// How far an arrow key with Shift moves the eye, over its distance.
+const ASIDE = 0.04;
 const WAYS = { ArrowLeft: [TURN, 0], ArrowRight: [-TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN], "+": ZOOM,
   "=": ZOOM, "-": 1 / ZOOM };
 // Change of the distance, and of the place looked at over it, up to which a view stays.
@@ -95,7 +97,10 @@ export class Pane {
     const { THREE } = MeshCat;
     const { camera, controls } = this.viewer;
     const way = new THREE.Spherical().setFromVector3(camera.position.clone().sub(controls.target));
-    if (Array.isArray(wish)) {
+    if (Array.isArray(wish) && event.shiftKey) { // across the line of sight
+      controls.target.add(new THREE.Vector3(-wish[0], wish[1], 0).multiplyScalar(way.radius * ASIDE / TURN)
+        .applyQuaternion(camera.quaternion));
+    } else if (Array.isArray(wish)) {
       way.theta += wish[0];
       way.phi = Math.max(POLE, Math.min(Math.PI - POLE, way.phi + wish[1]));
     } else way.radius /= wish;

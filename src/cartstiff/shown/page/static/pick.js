@@ -82,7 +82,7 @@ function carried({ node, index }, name) {
 }
 
 /** A point of the map becomes the posture. */
-function standAt(store, what) {
+export function standAt(store, what) {
   const q = carried(what, "q");
   if (!q?.every(Number.isFinite)) toast("The map holds no postures of this mechanism here");
   else if (!store.source.moves) toast("This file shows one posture: `cartstiff view` goes to where a point of the map "
@@ -98,6 +98,12 @@ export function standAtExtreme(store, sign) {
   value.array.forEach((x, i) => { if (Number.isFinite(x) && !(sign * x <= sign * value.array[index])) index = i; });
   if (index < 0) toast("No point of the map has a value");
   else standAt(store, { node: object, index });
+}
+
+/** A point of the map by its number, from 0; null where there is none. */
+export function pointOfMap(store, index) {
+  const node = store.pane.at("map", "<object>");
+  return index >= 0 && index < (node?.geometry?.attributes.position.count ?? 0) ? { kind: "point", index, node } : null;
 }
 
 export function picking(store) {
@@ -146,9 +152,9 @@ export function picking(store) {
 
   // A row that is pointed at has its values written in the picture.
   const table = document.querySelector(".principal");
-  table.addEventListener("pointerover", (/** @type {any} */ { target }) =>
+  for (const event of ["pointerover", "focusin"]) table.addEventListener(event, (/** @type {any} */ { target }) =>
     pane.light(target.closest("[data-row-of]")?.dataset.rowOf ?? null));
-  table.addEventListener("pointerleave", () => pane.light(null));
+  for (const event of ["pointerleave", "focusout"]) table.addEventListener(event, () => pane.light(null));
 }
 
 /** The name that a joint or a leg has among the shares; null for anything else. */
