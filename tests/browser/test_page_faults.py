@@ -114,7 +114,9 @@ def test_assumed_springs_are_said_with_the_answer(serve, pages):
         pages.shared(serve("ur5").url).inner_text(".doubt") == "Springs illustrative, not measured"
     )
     (words,) = (n.message for n in cartstiff.load("ur3").notes if n.code == "stiffness-assumed")
-    assert pages.open(serve("ur3").url).inner_text(".doubt") == f"Springs assumed: {words}"
+    page = pages.open(serve("ur3").url)
+    assert page.inner_text(".doubt") == f"Springs assumed: {words.replace('`', '')}"
+    assert page.locator(".notes-card", has_text="o joint stiffness was given").count() == 0
 
 
 def test_joints_that_lines_hold_are_said_with_the_answer(serve, pages):

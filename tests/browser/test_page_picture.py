@@ -59,6 +59,26 @@ def test_an_address_s_posture_is_in_the_picture(serve, pages):
     assert abs(up) < 0.9
 
 
+def test_legs_have_the_colours_of_their_forces(serve, pages, tmp_path):
+    """Green in tension, pink in compression, live and in a file: the page colours them itself."""
+    file = tmp_path / "legs.html"
+    file.write_text(page_text(source_of(cartstiff.load("stewart-gough"))), encoding="utf-8")
+    for url in (serve("stewart-gough").url, file.as_uri()):
+        page = pages.open(url)
+        settled(page)
+        legs, high, colours = page.evaluate(
+            """() => {
+            const { numbers, legend, pane } = window.cartstiff;
+            return [numbers.legs.map(({ tension }) => tension), legend.tension.limits[1],
+                numbers.legs.map((_, i) => pane.part("meshcat", "cartstiff", "mechanism", "legs",
+                    `line ${i + 1}`, "rod", "<object>").material.color.toArray())];
+        }"""
+        )
+        assert min(legs) < -0.1 * high < 0.1 * high < max(legs)
+        for tension, (r, g, _) in zip(legs, colours, strict=True):
+            assert (g > r) == (tension > 0.05 * high) or abs(tension) < 0.05 * high
+
+
 @pytest.mark.parametrize("times", [1, 4])
 def test_a_saved_picture_carries_what_it_shows(serve, pages, tmp_path, times):
     """Of its size; the words below are read where they are put together, before they are dots."""

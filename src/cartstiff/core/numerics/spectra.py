@@ -81,6 +81,11 @@ def is_positive(matrix: Array) -> bool:
 
 def is_never_negative(matrix: Array) -> bool:
     """Whether one symmetric matrix has no negative one of its `eigenvalues`."""
+    # The least eigenvalue is not above any entry of the diagonal, and none is larger than
+    # the sum of all sizes: this takes a tenth of the time of a decomposition.
+    lowest = min(matrix.diagonal().tolist())
+    if lowest < 0.0 and -lowest > ZERO_SHARE * float(np.abs(matrix).sum()):
+        return False
     if is_positive(matrix):
         return True
     least, *_, most = np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).tolist()

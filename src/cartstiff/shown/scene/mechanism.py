@@ -49,6 +49,8 @@ class LinesPicture:
         Its colour.
     ghost : bool
         Translucent and in one colour.
+    coloured : bool
+        Whether lines that are not slack get a colour; else the viewer colours them.
 
     Attributes
     ----------
@@ -66,8 +68,9 @@ class LinesPicture:
         telescope: float | None = None,
         tube: int = theme.LIGHT.joint,
         ghost: bool = False,
+        coloured: bool = True,
     ) -> None:
-        self.telescope = telescope
+        self.telescope, self._coloured = telescope, coloured
         self._radius = radius
         self._cables = cables
         lines = [node[f"line {i + 1}"] for i in range(count)]
@@ -114,7 +117,8 @@ class LinesPicture:
         are_slack = [False] * len(known)
         if self._cables and taut is not None:
             are_slack = (~taut).tolist()
-        self._paint([*map(scale.share, known)], are_slack)
+        if self._coloured or any(are_slack) or any(self._dashed):
+            self._paint([*map(scale.share, known)], are_slack)
         slack = [i + 1 for i, is_slack in enumerate(are_slack) if is_slack]
         told = {"values": known, "slack": slack, "cables": self._cables}
         return {**scale.legend(), **told}
@@ -195,6 +199,8 @@ class PlatformPicture:
             telescope=0.55 * float(max(shortest, 0.2 * lengths.min())) if legs else None,
             tube=look.joint,
             ghost=ghost,
+            # A page has numbers and legend, and colours legs by forces or shares itself.
+            coloured=not getattr(node.window, "writes", False),
         )
 
     @staticmethod
@@ -222,7 +228,7 @@ class PlatformPicture:
 
     def facts(self) -> dict[str, Any]:
         """Facts about the legs, for a viewer that moves the picture itself."""
-        return {"telescope": self._lines.telescope, "colours": theme.FORCES.tolist()}
+        return {"telescope": self._lines.telescope}
 
     def paint(self, tensions: Array, taut: Array | None) -> dict[str, Any]:
         """Colour the legs by their tensions; return the legend."""

@@ -9,6 +9,7 @@ import { symbol } from "./matrix.js";
 import { freeness } from "./numbers.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { Pane } from "./pane.js";
+import { legColours } from "./shares.js";
 import { givenLoad, partOf, Store, LOOKS, METRES } from "./store.js";
 
 // A picture that nobody sees.
@@ -90,7 +91,10 @@ class Row {
     if (!node && this.own) return this.refresh();
     this.pane = node ? new Pane(node, []) : NONE;
     const store = this.store = new Store(this.main.source.beside(this.number), this.pane, true);
-    if (node) callOut(store, () => this.way(store.numbers, store));
+    if (node) {
+      callOut(store, () => this.way(store.numbers, store));
+      legColours(store);
+    }
     this.store.on("hello", () => Object.assign(this.store.state, this.wished()));
     this.store.on("numbers", () => this.accept(this.store.numbers, this.store.shown));
     this.store.on("error", (text) => this.accept(null, null, text));

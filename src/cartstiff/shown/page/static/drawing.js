@@ -125,7 +125,7 @@ export class Drawing {
     this.commands = [];
     const { assets, scene: { units, notes } } = this;
     this.mechanism("mechanism", m);
-    const tension = m.tensions ? this.tensions(m) : null;
+    const tension = m.tensions ? this.tensions(m) : null; // whose colours come with the page, see `legColours`
     this.pose("M", m.pose);
     this.ghost(state);
     const here = inFrame(m, state.point.some((x) => x) ? motion([[1, 0, 0], [0, 1, 0], [0, 0, 1]], state.point) : null);
@@ -172,12 +172,6 @@ export class Drawing {
     const most = largestOf(m.tensions);
     const near = most && 2 * round(most);
     const limit = near < most ? 5 * round(most) : near;
-    m.tensions.forEach((tension, i) => {
-      const share = limit ? Math.max(-1, Math.min(1, tension / limit)) : 0;
-      const value = [...between(this.assets.colours, 0.5 + 0.5 * share).map((c) => Math.round(c) / 255), 1];
-      this.commands.push({ type: "set_property", path: `${ROOT}/mechanism/legs/line ${i + 1}/rod`, property: "color",
-        value });
-    });
     return { limits: [-limit, limit], unit: this.scene.units.force };
   }
 

@@ -86,8 +86,31 @@ function reasonFor({ displacement, rotation }) {
     : "The structure carries this load: no spring has a share";
 }
 
+/** The meshes below a place of a picture's mechanism. */
+function meshesOf(pane, ...names) {
+  const found = [];
+  pane.part("meshcat", "cartstiff", "mechanism", ...names)?.traverse((node) => {
+    if (node.isMesh && !node.userData.isTwin) found.push(node);
+  });
+  return found;
+}
+
+const paintLeg = (pane, leg, colour) => meshesOf(pane, "legs", `line ${leg + 1}`, "rod")
+  .forEach(({ material }) => material.color.set(css(colour)));
+
+/** Legs in the colours of their forces, in a store's picture; slack ones come in theirs. */
+export function legColours(store) {
+  store.pane.before.push(() => {
+    const { limits: [, most] = [0, 0], slack = [] } = store.legend?.tension ?? {};
+    store.numbers?.legs?.forEach(({ tension }, i) => {
+      if (!slack.includes(i + 1)) paintLeg(store.pane, i, colourOf("forces", most ? (tension ?? 0) / most : 0));
+    });
+  });
+}
+
 /** Bands about joints and colours of legs, in the picture. */
 export function sharePicture(store) {
+  legColours(store);
   const { THREE } = MeshCat;
   const { pane } = store;
   const world = new THREE.Group();
@@ -137,30 +160,12 @@ export function sharePicture(store) {
     }
   }
 
-  /** The meshes below a place of the mechanism. */
-  const meshes = (...names) => {
-    const found = [];
-    pane.part("meshcat", "cartstiff", "mechanism", ...names)?.traverse((node) => {
-      if (node.isMesh && !node.userData.isTwin) found.push(node);
-    });
-    return found;
-  };
-
-  const paint = (leg, colour) =>
-    meshes("legs", `line ${leg + 1}`, "rod").forEach(({ material }) => material.color.set(css(colour)));
-
   const painted = []; // of flexible links, with the colours that they have otherwise
   function paintLink(within, colour) {
-    for (const j of within) for (const { material } of meshes(`joint ${j + 1}`)) {
+    for (const j of within) for (const { material } of meshesOf(pane, `joint ${j + 1}`)) {
       painted.push([material, material.color.clone()]);
       material.color.set(css(colour));
     }
-  }
-
-  /** Of a leg's force, where no share colours it. */
-  function forceColour(tension) {
-    const [, most] = store.legend.tension?.limits ?? [0, 0];
-    return colourOf("forces", most ? tension / most : 0);
   }
 
   pane.before.push(() => {
@@ -176,11 +181,7 @@ export function sharePicture(store) {
         for (const j of joints) band(j, share, isLit);
         paintLink(within, shareColour(isLit ? Math.sign(share) : share));
       }
-      if (leg >= 0) paint(leg, shareColour(isLit ? Math.sign(share) : share));
-    }
-    if (!parts.length && numbers.legs && store.legend?.tension) {
-      const { slack = [] } = store.legend.tension;
-      numbers.legs.forEach(({ tension }, i) => { if (!slack.includes(i + 1)) paint(i, forceColour(tension ?? 0)); });
+      if (leg >= 0) paintLeg(pane, leg, shareColour(isLit ? Math.sign(share) : share));
     }
   });
   store.on("part", (name) => {
