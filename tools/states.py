@@ -24,8 +24,8 @@ from tools.screenshot import ROOT, launch, ready, settled
 PAGE = ROOT / "docs" / "howto" / "states.md"
 #: A screen, a tablet, a phone.
 SIZES = ((1440, 900), (1024, 768), (390, 844))
-#: Width of a picture in the docs (dots), and its number of colours.
-WIDTH, COLOURS = 720, 96
+#: Width of a picture in the docs (dots), and its quality as WebP, of 100.
+WIDTH, QUALITY = 720, 80
 _STATE = re.compile(r"^    cartstiff view (.+?)(?:  # then the key (\w))?$")
 _PICTURE = re.compile(r"^!\[.*\]\((\.\./images/states/.+)\)$")
 
@@ -76,7 +76,7 @@ def small(png: bytes) -> bytes:
     height = round(image.height * WIDTH / image.width)
     image = image.resize((WIDTH, height), Image.Resampling.LANCZOS)
     file = io.BytesIO()
-    image.quantize(COLOURS, dither=Image.Dither.NONE).save(file, "PNG", optimize=True)
+    image.save(file, "WEBP", quality=QUALITY, method=6)
     return file.getvalue()
 
 
