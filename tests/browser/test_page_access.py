@@ -55,7 +55,8 @@ def test_keys_read_a_map_of_colours_and_go_to_a_cell(serve, pages):
     settled(page)
     elastic = cartstiff.load("cubic")
     q = page.evaluate("() => window.cartstiff.state.q")
-    assert q[2] < elastic.q[2] and q[3] > elastic.q[3]
+    assert q[2] < elastic.q[2]
+    assert q[3] > elastic.q[3]
     assert said.startswith(f"{q[2]:.3g} ")
     assert f", {np.degrees(q[3]):.3g}" in said
     lengths = page.evaluate("() => window.cartstiff.numbers.indices.length")
