@@ -13,6 +13,11 @@ such a file it is to be looked at with those that enter its function; if it stil
 is missing, or nothing that can be seen has changed: `SAME` says of those why. Functions that run
 while modules are imported, and those inside others that were made then, keep their old code. The
 exit code is 1 if one survives that is not in `SAME`.
+
+Of the 120 of seed 72, 72 were killed by quick tests and 21 by whole files, four are the same, two
+went with their code, and 21 are open: rounding estimates of `free_motions` and `posture_notes`,
+steps of `newton`, thresholds in `problem`, `small_motions`, `searches` and `spectra`, `System.of`,
+`tensions._nearest`, `Struts.__eq__`, and `_cartan`, which runs while modules are imported.
 """
 
 from __future__ import annotations
@@ -69,6 +74,10 @@ SAME: dict[str, str] = {
 
 #: Files whose slower tests kill a mutant that the quick ones leave.
 _BY_FILE = {
+    "oracles/test_rigid_joints.py": [
+        "mechanisms/chain.py:ChainPosture.residual:53 Is -> IsNot",
+        "mechanisms/given_springs.py:with_values:135 In -> NotIn",
+    ],
     "identify/test_later_answers.py": [
         "statics/rest.py:motion_under_forces:48 Div -> Mult",
     ],

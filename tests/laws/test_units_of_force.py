@@ -31,8 +31,8 @@ def test_weights_of_body_and_legs(unit, newtons):
     assert 0.2 * weight < -alone.tensions.sum() < 2.0 * weight
 
 
-@pytest.mark.parametrize("size", [1e-9, 1e-3, 1e6])
-@pytest.mark.parametrize("spread", [1.0, 1e7])
+@pytest.mark.parametrize("size", [1e-14, 1e-3, 1e6])
+@pytest.mark.parametrize("spread", [1.0, 3e8])
 def test_softer_springs_under_smaller_loads_move_as_far(size, spread):
     """Displacements by k and W are those by s k and s W, also of legs that differ by far."""
     legs, load = np.array([1.0, spread, 2.0, spread, 3.0, 1.5]), [0.0, 0.0, 0.0, 0.3, -0.2, -0.5]
