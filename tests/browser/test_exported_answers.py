@@ -1,7 +1,5 @@
 """Exported files of generated arms: what the browser computes is what matrices say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tools.screenshot import settled

@@ -3,8 +3,6 @@
 axe-core comes with what checks the page's scripts (``tools/page``), where npm has installed that.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

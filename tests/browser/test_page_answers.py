@@ -3,8 +3,6 @@
 Nothing here depends on when an answer comes: answers are held back and let go by the test.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tools.screenshot import settled

@@ -1,7 +1,5 @@
 """States and mechanisms beside what is in hand: numbers, ratios, pictures, curves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

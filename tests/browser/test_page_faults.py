@@ -1,7 +1,5 @@
 """Faults that the page once had: what is said, what stays, what does what its name says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tools.screenshot import settled

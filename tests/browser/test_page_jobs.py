@@ -1,7 +1,5 @@
 """What people come to the page for, in counted actions of a hand."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Points of a map in the picture: their numbers, and the postures that they are of."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tools.screenshot import settled

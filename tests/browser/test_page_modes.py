@@ -1,7 +1,5 @@
 """Modes in the page: the table, the swing, the nodal axis and the response over frequency."""
 
-from __future__ import annotations
-
 import pytest
 from tools.screenshot import ready, settled
 

@@ -1,7 +1,5 @@
 """The legend's bar and a saved picture: lengths on the screen, and what a file carries."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

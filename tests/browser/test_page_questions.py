@@ -1,7 +1,5 @@
 """What a stranger asks of a page: each answer is there after three clicks at most."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tools.screenshot import ready, settled

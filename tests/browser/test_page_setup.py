@@ -1,7 +1,5 @@
 """Load and springs of the page: what acts is one of three, and what is assumed is counted."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The order of the page, its sizes, what fingers hit, and what is said of an old posture."""
 
-from __future__ import annotations
-
 import pytest
 from tools.look import looked_at
 from tools.screenshot import settled

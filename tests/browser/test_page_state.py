@@ -1,7 +1,5 @@
 """What a page keeps, and what it frames: nothing a user has chosen is lost without a word."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -4,8 +4,6 @@ Keys are pressed and states are wished for faster than answers come. Every answe
 is compared with an analysis of the state that the page says it is of.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

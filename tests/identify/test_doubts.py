@@ -1,7 +1,5 @@
 """Tables in other units than they say, gross errors, and what springs do not explain."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

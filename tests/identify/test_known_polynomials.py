@@ -3,8 +3,6 @@
 Deflections by NumPy's roots, Jacobians by differences of poses, derivatives by differences.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.identify.campaigns import jacobian, load

@@ -1,7 +1,5 @@
 """Equilibria and compensation carry what measurements left open of the springs."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

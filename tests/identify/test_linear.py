@@ -1,7 +1,5 @@
 """Linear springs of arms: textbook least squares, what is not determined, files that carry it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import lstsq

@@ -1,7 +1,5 @@
 """Many nonlinear parameters of a closed chain, as in `benchmarks/identify_many_unknowns.py`."""
 
-from __future__ import annotations
-
 from scipy import stats
 from tests.doors import unknowns_of
 from tests.identify.campaigns import LOOP_UNKNOWNS, bent_loop

@@ -3,8 +3,6 @@
 The oracle for displacements is `equilibrium` (another solver) or differences of poses.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

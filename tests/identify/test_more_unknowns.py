@@ -1,7 +1,5 @@
 """Links that give, beams, counterbalance lines, platforms: found, and written into files."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Polynomial springs as unknowns, against deflections by NumPy's roots and numerical Jacobians."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

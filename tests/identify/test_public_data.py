@@ -1,7 +1,5 @@
 """A public data set with measured loads: estimates and intervals against the textbook's formula."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 

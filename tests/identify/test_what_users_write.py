@@ -1,7 +1,5 @@
 """Tables as spreadsheets write them, tools by option, doubtful units."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

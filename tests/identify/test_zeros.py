@@ -1,7 +1,5 @@
 """Joint zeros, tool and base beside the springs: an arm of a UR10's size moved by Pinocchio."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Errors and results go from one process to another with everything that they carry."""
 
-from __future__ import annotations
-
 import copy
 import multiprocessing
 import pickle

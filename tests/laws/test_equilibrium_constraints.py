@@ -1,7 +1,5 @@
 """Held displacements with their reactions, joint and leg limits as contacts."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """SE(3) and se(3): group axioms, adjoint, bracket, exponential, transport."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Functions of rigid motions refuse other shapes in one line."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.support import refused

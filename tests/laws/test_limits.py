@@ -1,7 +1,5 @@
 """What is beyond limits is said by every command, and decided once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Line springs and cables between bodies of chains: the fast paths give the engine's answers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a page reads from a pair of matrices together is what each function says on its own."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -11,8 +11,6 @@ posture and where the search ended, or of stiffnesses beyond what doubles resolv
 a posture, maps and page included, is compared.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pinocchio's Force, Motion, SE3 and Inertia are taken as what they are, wherever numbers enter."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """A dead moment on a planar machine has the potential -m * angle: its stability is decided."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Spring laws, users' functions, the Taylor check."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Preload of driven and passive legs, and tensions of cables, at poses other than the file's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import LinearConstraint, linprog, minimize

@@ -1,7 +1,5 @@
 """States of the reduction, singular matrices in a stack, and threads of BLAS."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.doors import numerics

@@ -1,7 +1,5 @@
 """What cannot be used is refused in one line that says what, where, expected and got."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ computes in JavaScript is held to the same table in tests/rooms/page. An entry o
 the table without a way to it here fails the first test.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

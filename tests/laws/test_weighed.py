@@ -1,7 +1,5 @@
 """What gravity acts on is said by every report, and the same in all modes of a command."""
 
-from __future__ import annotations
-
 import json
 import xml.etree.ElementTree as ET
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What of a compensation is weight, by Pinocchio's gravity and Jacobian and springs of one line."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Ranges and a posture nearby: what a path keeps to, and what it says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

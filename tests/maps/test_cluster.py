@@ -1,7 +1,5 @@
 """The same map on a Dask scheduler: workers that die, workers that see nothing, none at all."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import signal

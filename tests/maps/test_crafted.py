@@ -1,7 +1,5 @@
 """Crafted maps with right checksums: every reader answers or refuses, in one line."""
 
-from __future__ import annotations
-
 import json
 import random
 import shutil

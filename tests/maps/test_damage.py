@@ -1,7 +1,5 @@
 """Damaged maps: every damage is named or mended, and no other number is read."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

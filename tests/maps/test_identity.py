@@ -1,7 +1,5 @@
 """A map goes on only with what it was begun with: files, options, versions."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import runpy

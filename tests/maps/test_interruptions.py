@@ -1,7 +1,5 @@
 """A map that is killed or interrupted is valid, and goes on with nothing lost or done twice."""
 
-from __future__ import annotations
-
 import json
 import signal
 

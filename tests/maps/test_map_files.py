@@ -1,7 +1,5 @@
 """Maps in files: right numbers at the right labels, complete or not, and none of another map's."""
 
-from __future__ import annotations
-
 import json
 import os
 import warnings

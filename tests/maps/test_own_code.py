@@ -1,7 +1,5 @@
 """What a user's own code names belongs to the identity of a map."""
 
-from __future__ import annotations
-
 import importlib
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """Pictures of maps: what is on them, and what they refuse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Maps in any store of Zarr, lazy maps, and what readers without this library find in them."""
 
-from __future__ import annotations
-
 import errno
 import os
 import threading

@@ -3,8 +3,6 @@
 The oracles are rod directions and axes by hand, at the pose that the answer states.
 """
 
-from __future__ import annotations
-
 import mpmath
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """`analyse` of a platform begins with its legs: lengths, margins and forces, by hand."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stiffness of fewer than six freedoms in task axes, by independent computations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq

@@ -1,7 +1,5 @@
 """Principal values of an asymmetric tangent: what is held from K, what is free from C."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

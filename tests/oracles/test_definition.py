@@ -1,7 +1,5 @@
 """K(X, Y) = (Y X - nabla_Y X) Phi on fields that vary, straight from the definition."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.doors import Field

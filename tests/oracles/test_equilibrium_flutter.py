@@ -8,8 +8,6 @@ P along the second link. With absolute angles a, b of the links from the axis:
 For m_1 = 2 m_2 the frequencies meet at P l / k = 7/2 - sqrt 2.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

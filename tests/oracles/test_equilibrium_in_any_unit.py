@@ -4,8 +4,6 @@ Preload turns the body far along the motions that the stiff legs leave. The plac
 tensions balance, in sixty digits, from the points and the stiffnesses of the legs alone.
 """
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Equilibria of parallel mechanisms, springs over nine decades: found, and the linear ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.support import log_reference

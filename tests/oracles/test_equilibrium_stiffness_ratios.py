@@ -1,7 +1,5 @@
 """Equilibria of springs over nine decades, against a solution with forty digits."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

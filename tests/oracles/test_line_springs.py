@@ -1,7 +1,5 @@
 """Line springs against 50-digit differences of their energy along exponential maps."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

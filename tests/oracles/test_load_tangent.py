@@ -1,7 +1,5 @@
 """The tangent under a load against differences of the equilibrium under that load, and MuJoCo."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

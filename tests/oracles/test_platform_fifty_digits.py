@@ -1,7 +1,5 @@
 """Compliance of platforms near type-2 singularities, springs over fifteen decades, in 80 digits."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Joints that do not give: sums over the others, limits of stiff springs, and moments by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.support import (

@@ -1,7 +1,5 @@
 """Derivatives of stiffness, pose and frequencies against differences in fifty-digit arithmetic."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pinocchio as pin

@@ -1,7 +1,5 @@
 """Derivatives by the numbers of struts, by complex steps; by those of loops, by laws of scale."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

@@ -4,8 +4,6 @@ The oracle closes the legs anew for every parameter, with its own poses of joint
 legs: each is a row of springs, a joint without one passing no wrench.
 """
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

@@ -4,8 +4,6 @@ Where a law has an energy, cartstiff derives wrench and K^A from the energy alon
 K^A are differences of the wrenches that they compute.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

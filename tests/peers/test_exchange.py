@@ -1,7 +1,5 @@
 """MuJoCo computes the same stiffness from a file of the same machine."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.peers.test_exchange_load import jacobian_of, mechanism, model_of

@@ -1,7 +1,5 @@
 """MuJoCo's file holds the load under which the springs' rest positions balance: nothing moves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.support.mujoco_files import mujoco_file

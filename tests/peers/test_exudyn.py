@@ -3,8 +3,6 @@
 Exudyn's two-node elements converge with the square of their length: two meshes are extrapolated.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -4,8 +4,6 @@ MuJoCo gives the generalised forces; where they vanish is found here by Newton's
 differences, which knows nothing of second derivatives.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.mechanisms.machines import write_file

@@ -4,8 +4,6 @@ OpenSees' elements have no bowing of their own, so that its error falls with the
 element's length: two meshes are extrapolated.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq

@@ -1,7 +1,5 @@
 """Polytopes of forces of arms against pycapacity (python -m pip install pycapacity)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

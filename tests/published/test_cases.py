@@ -1,7 +1,5 @@
 """The published cases, the tools that answer them, and cases that are wrong on purpose."""
 
-from __future__ import annotations
-
 import runpy
 import shutil
 import subprocess

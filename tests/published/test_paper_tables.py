@@ -1,7 +1,5 @@
 """The numerical example of the paper: four stiffness tables and the inverse Jacobian."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.support import absolute_error, paper_platform, reference, relative_error

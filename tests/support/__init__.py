@@ -1,7 +1,5 @@
 """Samplers, builders and oracles that the tests share."""
 
-from __future__ import annotations
-
 from tests.support.builders import (
     DATA,
     Arm,

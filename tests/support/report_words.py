@@ -1,7 +1,5 @@
 """What a report states, read from its HTML and compared with an answer's JSON."""
 
-from __future__ import annotations
-
 import html
 import re
 

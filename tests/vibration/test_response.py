@@ -16,7 +16,7 @@ from cartstiff.vibration import Damping, frequency_response
 AGREE = 1e-9
 
 
-def _arm():
+def arm_under_load():
     arm = loaded_arm("RRPRRR", seed=4)
     return analyse(arm.elastic, arm.q, wrench=arm.wrench, load_kind="conservative")
 
@@ -27,7 +27,7 @@ def _damped_platform():
 
 
 SUBJECTS = {
-    "arm under load": _arm,
+    "arm under load": arm_under_load,
     "platform with dampers": _damped_platform,
     "closed chain": lambda: load("five-bar"),
     "massless motions": lambda: load("3-rrr"),

@@ -8,9 +8,9 @@ from tests.doors import Parameters
 from tests.identify.neighbours import neighbours
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.oracle import ROBOTS
-from tests.support import loaded_arm
 from tests.support.commands import answer
 from tests.vibration.test_modes import LENGTH, M_1, K, column
+from tests.vibration.test_response import arm_under_load
 
 from cartstiff import InputError, UndefinedError, accuracy, analyse, load, modes, sensitivities
 from cartstiff.analysis import Tolerances
@@ -27,13 +27,8 @@ def _by_differences(result, name, step):
     return (ends[0] - ends[1]) / (2 * step)
 
 
-def _arm():
-    arm = loaded_arm("RRPRRR", seed=4)
-    return analyse(arm.elastic, arm.q, wrench=arm.wrench, load_kind="conservative")
-
-
 CASES = {
-    "arm": (_arm, ["stiffness.j3", "placement.j2.x", "placement.j4.ry", "frame.rz"]),
+    "arm": (arm_under_load, ["stiffness.j3", "placement.j2.x", "placement.j4.ry", "frame.rz"]),
     "dead moment": (
         lambda: analyse(load("ur5"), wrench=[20.0, -10.0, 30.0, 50.0, 100.0, -200.0]),
         ["stiffness.elbow_joint", "placement.wrist_1_joint.z"],

@@ -1,7 +1,5 @@
 """A better posture keeps the tip, stays near, is worth it, and says what gets worse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Numbers for people: one style in Python and in the page, held to one table."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

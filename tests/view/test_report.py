@@ -1,7 +1,5 @@
 """The report: the answer agrees with the commands, one file, everything assumed is said."""
 
-from __future__ import annotations
-
 import html
 import json
 import re

@@ -1,7 +1,5 @@
 """The page's numbers are the library's."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

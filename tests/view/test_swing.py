@@ -1,7 +1,5 @@
 """Modes of a tab: numbers of the library, one end of the swing, curves over frequency."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.support.pages import asking, source_of, state_of, tab_of

@@ -1,7 +1,5 @@
 """Searches in vain end after a bounded number of postures, whatever the machine."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.inner import problem

@@ -1,7 +1,5 @@
 """MuJoCo's compiler in a process of its own."""
 
-from __future__ import annotations
-
 import random
 import warnings
 

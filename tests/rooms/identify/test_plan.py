@@ -1,7 +1,5 @@
 """What to measure: predictions against campaigns, plans against chance, and the way through."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What a fit finds: steps of placements, and keys of the file."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Poses, errors and solutions of many postures of joints."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.inner import distinct, pose_errors

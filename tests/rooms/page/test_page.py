@@ -1,7 +1,5 @@
 """A mechanism follows a hand: it arrives where it can, and says what stops it where it cannot."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tests.doors import numerics

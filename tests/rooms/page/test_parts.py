@@ -1,7 +1,5 @@
 """What no message of the page shows: bounds of its server and of files, pictures' inner numbers."""
 
-from __future__ import annotations
-
 import re
 import signal
 import socket

@@ -1,7 +1,5 @@
 """Solutions of leg lengths, singular architectures, and starts of the search for assembly modes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Margins of a workspace: working modes of legs, tensions, the limits of a machine."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import linprog

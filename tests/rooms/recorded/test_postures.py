@@ -1,7 +1,5 @@
 """Postures that a page has recorded are the core's: numbers, notes, words of the load."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every quantity of a map equals what the analysis says of that posture alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files of paths: along which axes their loads act."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
