@@ -102,7 +102,9 @@ def compare(elastic, one):
         assert one["matrix"] is None
     else:
         assert np.abs(np.array(one["matrix"]) - M).max() <= 1e-9 * np.abs(M).max()
-    symbol = ("K" if stiff else "C") + SUPERSCRIPTS[name]
+    acts = shown["load"] if shown["load"] is not None else result.wrench
+    is_loaded = acts is not None and np.any(acts)
+    symbol = ("K" if stiff else "C") + (SUPERSCRIPTS[name] if name != "load" or is_loaded else "")
     assert one["title"] == symbol
     assert one["whose"] == f"of {symbol}"
     assert one["heading"] == f"Principal {'stiffness' if stiff else 'compliance'}"
