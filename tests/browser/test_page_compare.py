@@ -126,7 +126,7 @@ def test_rows_are_states_and_mechanisms_with_their_ratios(two, pages):
 
 #: What stands at the arrow of the way of each picture, and below it, but for the picture in hand.
 WAYS = """() => [window.cartstiff, ...window.cartstiff.rows].map(({ store, pane, caption }) => [
-    pane.part("meshcat", "cartstiff", "callout").children[0].userData.label.text,
+    pane.part("callout").children[0].userData.label.text,
     caption?.firstChild.textContent ?? null])"""
 
 

@@ -253,7 +253,7 @@ def test_sliders_arrows_and_functions_of_a_script(pages):
         assert height.value == 0.77
         # The arrow stands where the tool is, and is as long as its vector.
         page.wait_for_function("""() => {
-            const arrow = window.cartstiff.pane.part("meshcat", "cartstiff", "own", "0");
+            const arrow = window.cartstiff.pane.part("own", "0");
             const tool = window.cartstiff.numbers.result.pose;
             const [x, y, z] = [12, 13, 14].map((i) => arrow?.matrix.elements[i]);
             return arrow && Math.hypot(x - tool[0][3], y - tool[1][3], z - tool[2][3]) < 1e-6
@@ -263,7 +263,7 @@ def test_sliders_arrows_and_functions_of_a_script(pages):
         page.keyboard.press("t")
         settled(page)
         assert page.evaluate(
-            "() => window.cartstiff.pane.part('meshcat', 'cartstiff', 'own', '0').visible"
+            "() => window.cartstiff.pane.part('own', '0').visible"
         )
         page.context.close()  # what it still asks for, it asks a server that runs
 
@@ -316,7 +316,7 @@ def test_the_worst_over_a_trajectory_in_no_action_and_what_is_allowed(pages):
         said = hand.reads(".enough-card output").split("to first order); ")[1]
         assert float(said.split(" ")[0]) == pytest.approx(100 * held.factor, rel=6e-3)
         assert said.endswith("until the allowed displacement is reached.")
-        label = """() => window.cartstiff.pane.part("meshcat", "cartstiff", "callout")
+        label = """() => window.cartstiff.pane.part("callout")
             .children[0].userData.label.text"""
         page.wait_for_function(f"() => ({label})().endsWith('\u2715')")
         page.evaluate("(q) => window.cartstiff.goTo(q)", playback.q[0].tolist())
@@ -336,7 +336,7 @@ TRACE = """() => {
     const sides = 9;
     return { light: Array.from({ length: tube.color.count / sides }, (_, i) =>
             tube.color.getX(sides * i) + tube.color.getY(sides * i) + tube.color.getZ(sides * i)),
-        words: pane.part("meshcat", "cartstiff", "trace", "worst").children[0].userData.label.text,
+        words: pane.part("trace", "worst").children[0].userData.label.text,
         worst: (() => {
             const { geometry } = group.children.at(-1);
             geometry.computeBoundingSphere();

@@ -41,7 +41,7 @@ def test_table_axis_and_response_follow_the_sliders(page):
 
 
 FAR = """([path, x]) => {
-    const at = window.cartstiff.pane.part("meshcat", "cartstiff", ...path.split("/"));
+    const at = window.cartstiff.pane.part(...path.split("/"));
     return Math.abs(at.position.x - x) > 1e-3;
 }"""
 

@@ -4,6 +4,7 @@
 import { times } from "./algebra.js";
 import { byId, clamp, el, engineering, plainly, rgbs, tipIn } from "./dom.js";
 import { between } from "./drawing.js";
+import { shape } from "./shapes.js";
 import { directionWords } from "./words.js";
 
 // Radius over the mechanism's size.
@@ -18,9 +19,7 @@ export function stiffnessBall(store) {
   const { THREE } = MeshCat;
   const { pane } = store;
   const geometry = new THREE.SphereGeometry(1, 48, 32);
-  const mesh = new THREE.Mesh(geometry,
-    new THREE.MeshBasicMaterial({ vertexColors: true, transparent: true, opacity: 0.92 }));
-  mesh.userData.twin = false;
+  const mesh = shape(geometry, null, { opacity: 0.92 });
   const words = el("div.ball-words.num", { role: "status", hidden: true });
   byId("stage").append(words);
   const tip = tipIn(byId("stage"), "overlay", [14, 16]);
@@ -65,15 +64,12 @@ export function stiffnessBall(store) {
     const eye = new THREE.Vector3().setFromMatrixPosition(pane.viewer.camera.matrixWorld);
     mesh.updateWorldMatrix(true, false);
     const away = mesh.worldToLocal(eye).normalize().toArray();
-    const { low, high } = { low: Math.min(...found.values), high: Math.max(...found.values) };
+    const [low, high] = [Math.min(...found.values), Math.max(...found.values)];
     words.textContent = `towards you: ${text(alongDirection(found, away))} (dark ${text(low)}, bright ${text(high)})`;
   });
   pane.node.addEventListener("pointermove", (event) => {
     if (!found || event.buttons) return tip.say(null);
-    const ray = new THREE.Raycaster();
-    const [x, y] = pane.place(event);
-    ray.setFromCamera({ x, y }, pane.viewer.camera);
-    const [hit] = ray.intersectObject(mesh, false);
+    const [hit] = pane.ray(event).intersectObject(mesh, false);
     if (!hit) return tip.say(null);
     const direction = mesh.worldToLocal(hit.point.clone()).normalize().toArray();
     tip.say(`${text(alongDirection(found, direction))}, ${roomWords(direction)}`, event);

@@ -18,10 +18,9 @@ function* pairs(copy, original) {
 }
 
 /** The same of a picture's ghost; none where it is not shown. */
-export function pairsOf({ viewer: { scene_tree: tree } }, name) {
-  const place = tree.children.meshcat?.children.cartstiff?.children;
-  if (!place?.[name]?.object.visible || !place.mechanism) return [];
-  return [...pairs(place[name], place.mechanism)];
+export function pairsOf(pane, name) {
+  const [copy, original] = [name, "mechanism"].map((one) => pane.branch(one));
+  return copy?.object.visible && original ? [...pairs(copy, original)] : [];
 }
 
 const isSame = (a, b) => a.elements.every((x, k) => Math.abs(x - b.elements[k]) < LOST_ERROR);
@@ -55,27 +54,25 @@ function materialOf(pane, name, opacity) {
 const [HEAD_LENGTH, HEAD_RADIUS] = [0.032, 0.011];
 
 /** Make double arrows of the principal axes: a head at each end, whatever the length between. */
-export function sharpen({ viewer: { scene_tree: tree }, extent }) {
+export function sharpen(pane) {
   const { Mesh, ConeGeometry } = MeshCat.THREE;
-  const place = tree.children.meshcat?.children.cartstiff?.children ?? {};
-  for (const freedom of ["translation", "rotation"]) {
-    for (const { children } of Object.values(place[`${freedom} ellipsoid`]?.children ?? {})) for (const i of [1, 2,
-      3]) {
-      const axis = children?.[`axis ${i}`];
-      const rod = axis?.children.plus?.children["<object>"]?.object;
-      if (!rod?.isMesh || !axis.object.visible) continue;
-      rod.userData.heads ??= [1, -1].map((side) => {
-        const head = new Mesh(new ConeGeometry(1, 1, 16).translate(0, -0.5, 0).rotateZ((-side * Math.PI) / 2),
-          rod.material);
-        axis.children.plus.object.add(head);
-        return head;
-      });
-      const length = Math.max(axis.object.scale.x, NEGLIGIBLE_DIFFERENCE);
-      rod.userData.heads.forEach((head, k) => {
-        head.position.set(k ? 0 : 1, 0, 0);
-        head.scale.set(Math.min(HEAD_LENGTH * extent, 0.4 * length) / length, HEAD_RADIUS * extent,
-          HEAD_RADIUS * extent);
-      });
-    }
+  const { extent } = pane;
+  const looks = ["translation", "rotation"].flatMap((freedom) =>
+    Object.values(pane.branch(`${freedom} ellipsoid`)?.children ?? {}));
+  for (const { children } of looks) for (const i of [1, 2, 3]) {
+    const axis = children?.[`axis ${i}`];
+    const rod = axis?.children.plus?.children["<object>"]?.object;
+    if (!rod?.isMesh || !axis.object.visible) continue;
+    rod.userData.heads ??= [1, -1].map((side) => {
+      const head = new Mesh(new ConeGeometry(1, 1, 16).translate(0, -0.5, 0).rotateZ((-side * Math.PI) / 2),
+        rod.material);
+      axis.children.plus.object.add(head);
+      return head;
+    });
+    const length = Math.max(axis.object.scale.x, NEGLIGIBLE_DIFFERENCE);
+    rod.userData.heads.forEach((head, k) => {
+      head.position.set(k ? 0 : 1, 0, 0);
+      head.scale.set(Math.min(HEAD_LENGTH * extent, 0.4 * length) / length, HEAD_RADIUS * extent, HEAD_RADIUS * extent);
+    });
   }
 }

@@ -5,12 +5,12 @@ import { button, el, hues, short, typeset } from "./dom.js";
 import { pairsOf } from "./ghosts.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { ticking } from "./player.js";
+import { both } from "./shapes.js";
 
 // Time (s) of one way there and back.
 const SWAY_TIME = 2.6;
 // What hangs on the body, besides its frame M.
 const HANGING = ["translation ellipsoid", "rotation ellipsoid", "wrench", "nodal", "centres", "held forces", "ball"];
-const CALLOUT = ["meshcat", "cartstiff", "callout"];
 // Height of the callout's letters where the picture is one unit away.
 const LETTERS = 0.032;
 // Ends of the slider: the true size, and so many times what is drawn by default.
@@ -18,13 +18,10 @@ const MOST = 10;
 // Thickness of the arrow, and length of its head, over the mechanism's size.
 const [SHAFT, HEAD] = [0.006, 0.045];
 
-const tree = ({ pane }) => pane.viewer.scene_tree.children.meshcat?.children.cartstiff?.children ?? {};
-
 /** Places of M without the load and under it; null where nothing is drawn of it. */
-function ends(store) {
-  const { M, rest } = tree(store);
-  const there = rest?.children.M?.object;
-  return store.legend?.rest && M && rest.object.visible && there ? [there, M.object] : null;
+function ends({ pane, legend }) {
+  const found = [["rest", "M"], ["M"]].map((names) => pane.part(...names));
+  return legend?.rest && found.every(Boolean) && pane.part("rest").visible ? found : null;
 }
 
 const matrix = (object) => new MeshCat.THREE.Matrix4().compose(object.position, object.quaternion, object.scale);
@@ -40,17 +37,12 @@ function points(store) {
 /** In a store's picture an arrow along the way on which the load moves the point, with the answer at it. */
 export function callOut(store, answer) {
   const [{ THREE }, { pane }] = [MeshCat, store];
-  const paint = (opacity, depthTest) =>
-    new THREE.MeshBasicMaterial({ color: hues("deflection")[0], transparent: true, opacity, depthTest });
   const arrow = new THREE.Group();
   const shaft = new THREE.CylinderGeometry(1, 1, 1, 14).translate(0, 0.5, 0);
   const head = new THREE.ConeGeometry(2.6, 1, 18).translate(0, 0.5, 0);
   const parts = [shaft, head].map((geometry) => {
-    const both = [new THREE.Mesh(geometry, paint(1, true)), new THREE.Mesh(geometry, paint(0.85, false))];
     const part = new THREE.Group();
-    for (const mesh of both) Object.assign(mesh.userData, { twin: false });
-    both[1].renderOrder = 18;
-    part.add(...both);
+    part.add(...both(geometry, hues("deflection")[0], 0.85, 18));
     arrow.add(part);
     return part;
   });
@@ -58,12 +50,12 @@ export function callOut(store, answer) {
     const found = points(store);
     const place = pane.at();
     if (arrow.parent !== place) place.add(arrow);
-    const label = pane.part(...CALLOUT);
-    for (const one of [arrow, label]) if (one) one.visible = Boolean(found);
-    if (!found) return;
+    arrow.visible = found !== null;
+    if (!found) return pane.caption(["callout"], null);
     const [from, to] = found;
-    const text = answer();
     const { size, per_length: per } = store.legend;
+    pane.caption(["callout"], { text: answer(), at: from.clone().lerp(to, 0.5), height: LETTERS / per,
+      hue: "deflection-letters" });
     const way = to.clone().sub(from);
     const length = way.length();
     const heads = Math.min(HEAD * size, 0.5 * length);
@@ -72,14 +64,8 @@ export function callOut(store, answer) {
     parts[1].position.set(0, length - heads, 0);
     arrow.position.copy(from);
     arrow.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), way.normalize());
-    const said = { path: `/${CALLOUT.join("/")}`, text, letters: hues("deflection-letters").map(numberOf),
-      paper: hues("label-paper").map(numberOf), height: LETTERS / per };
-    if (text !== label?.children[0]?.userData.label?.text || !label.children.length) pane.write(said);
-    pane.part(...CALLOUT).position.copy(from.clone().lerp(to, 0.5));
   });
 }
-
-export const numberOf = (colour) => Number(`0x${colour.slice(1)}`);
 
 /** A button that plays it, and the line with the factor. */
 export function give(store, answer) {
@@ -120,7 +106,7 @@ export function give(store, answer) {
       }
       const carried = matrix(to).multiply(back);
       for (const name of HANGING) {
-        const object = tree(store)[name]?.object;
+        const object = store.pane.part(name);
         if (object) carried.decompose(object.position, object.quaternion, object.scale);
       }
       store.pane.viewer.set_dirty();

@@ -4,6 +4,7 @@ import { motion, moving, place, product, rotation, times, transposed } from "./a
 import { byId, chop, engineering, hues, short, tipIn, tuple } from "./dom.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { limitRings } from "./rings.js";
+import { shape, worldOf } from "./shapes.js";
 
 // Length of the handles' arms on the screen (dots), and how near (dots) a pointer brings them out.
 const ARM = 84;
@@ -13,6 +14,8 @@ const EDGE_ON = 0.2;
 // An arrow's head that is pulled within this distance (dots) of a line stays on it.
 const SNAP = 12;
 const AXIS_NAMES = ["x", "y", "z"];
+// Colours of a handle: free, and held back by a limit.
+const [FREE, STOPPED] = [0x0b5cad, 0xb3261e];
 // Without a moment, half a turn of its ring gives the force (or this one) at this share of the size.
 const FIRST_FORCE = 100;
 const LEVER = 0.1;
@@ -26,12 +29,8 @@ export function hands(store) {
   const { THREE } = MeshCat;
   const vector = (...xyz) => new THREE.Vector3(...xyz);
   const node = (...names) => pane.at(...names);
-  // The viewer's scene is turned: here places are those of the world.
-  const world = new THREE.Group();
-  world.quaternion.copy(viewer.scene.quaternion).invert();
-  viewer.scene.add(world);
-  const tool = new THREE.Group();
-  const arms = new THREE.Group();
+  const world = worldOf(pane);
+  const [tool, arms] = [new THREE.Group(), new THREE.Group()];
   tool.add(arms);
   world.add(tool);
   const tip = tipIn(byId("stage"), "overlay", [18, 18]);
@@ -41,46 +40,48 @@ export function hands(store) {
 
   // -- what can be taken hold of
 
-  const glow = (colour) => new THREE.MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.9,
-    depthTest: false });
-  const unseen = new THREE.MeshBasicMaterial({ visible: false });
   const grips = [];
 
-  function add(parent, geometry, colour, grip, seen = true) {
-    const mesh = new THREE.Mesh(geometry, seen ? glow(colour) : unseen);
-    mesh.renderOrder = 20;
-    mesh.userData.twin = false;
-    if (grip) grips.push({ mesh, ...grip });
+  /** What is seen. */
+  function add(parent, geometry, colour = /** @type {any} */ (FREE)) {
+    const mesh = shape(geometry, colour, { opacity: 0.9, through: true, order: 20 });
     parent.add(mesh);
     return mesh;
   }
 
-  const ball = add(tool, new THREE.SphereGeometry(0.085, 20, 14), 0x0b5cad, null);
-  add(tool, new THREE.SphereGeometry(0.15, 12, 8), 0, { kind: "ball" }, false);
-  const axes = hues("axes");
-  for (let i = 0; i < 3; i++) {
+  /** What is taken hold of: larger, and not seen. */
+  function grip(parent, geometry, kind, axis) {
+    const mesh = add(parent, geometry);
+    mesh.material.visible = false;
+    grips.push({ mesh, kind, axis });
+  }
+
+  const { SphereGeometry: Sphere, CylinderGeometry: Cylinder, TorusGeometry: Torus } = THREE;
+  const ball = add(tool, new Sphere(0.085, 20, 14));
+  grip(tool, new Sphere(0.15, 12, 8), "ball");
+  hues("axes").forEach((colour, i) => {
     const arm = new THREE.Group(); // along its own y
     arm.quaternion.setFromUnitVectors(vector(0, 1, 0), vector(i === 0, i === 1, i === 2));
     arms.add(arm);
-    add(arm, new THREE.CylinderGeometry(0.016, 0.016, 0.5, 10).translate(0, 0.5, 0), axes[i], null);
-    add(arm, new THREE.ConeGeometry(0.06, 0.18, 16).translate(0, 0.84, 0), axes[i], null);
-    add(arm, new THREE.CylinderGeometry(0.07, 0.07, 0.75, 8).translate(0, 0.58, 0), 0, { kind: "arm", axis: i }, false);
-    add(arm, new THREE.TorusGeometry(0.66, 0.013, 8, 60).rotateX(Math.PI / 2), axes[i], null);
-    add(arm, new THREE.TorusGeometry(0.66, 0.06, 6, 40).rotateX(Math.PI / 2), 0, { kind: "ring", axis: i }, false);
-  }
+    add(arm, new Cylinder(0.016, 0.016, 0.5, 10).translate(0, 0.5, 0), colour);
+    add(arm, new THREE.ConeGeometry(0.06, 0.18, 16).translate(0, 0.84, 0), colour);
+    add(arm, new Torus(0.66, 0.013, 8, 60).rotateX(Math.PI / 2), colour);
+    grip(arm, new Cylinder(0.07, 0.07, 0.75, 8).translate(0, 0.58, 0), "arm", i);
+    grip(arm, new Torus(0.66, 0.06, 6, 40).rotateX(Math.PI / 2), "ring", i);
+  });
   const pulls = ["force", "moment"].map((kind) => {
     const pull = new THREE.Group();
     world.add(pull);
-    add(pull, new THREE.SphereGeometry(0.07, 16, 12), 0x0b5cad, null);
-    add(pull, new THREE.SphereGeometry(0.14, 10, 8), 0, { kind }, false);
+    add(pull, new Sphere(0.07, 16, 12));
+    grip(pull, new Sphere(0.14, 10, 8), kind);
     return pull;
   });
   // The moment's ring: turned about its own line, the moment grows or shrinks.
   const twirl = new THREE.Group();
   world.add(twirl);
-  add(twirl, new THREE.TorusGeometry(0.46, 0.02, 8, 60), 0x0b5cad, null);
-  add(twirl, new THREE.SphereGeometry(0.07, 16, 12).translate(0.46, 0, 0), 0x0b5cad, null);
-  add(twirl, new THREE.TorusGeometry(0.46, 0.07, 6, 40), 0, { kind: "twirl" }, false);
+  add(twirl, new Torus(0.46, 0.02, 8, 60));
+  add(twirl, new Sphere(0.07, 16, 12).translate(0.46, 0, 0));
+  grip(twirl, new Torus(0.46, 0.07, 6, 40), "twirl");
   const rings = limitRings(store, world, size);
 
   // -- where the handles are
@@ -152,15 +153,8 @@ export function hands(store) {
 
   // -- taking hold
 
-  function rayAt(event) {
-    const ray = new THREE.Raycaster();
-    const [x, y] = pane.place(event);
-    ray.setFromCamera({ x, y }, viewer.camera);
-    return ray;
-  }
-
   function gripAt(event) {
-    const ray = rayAt(event);
+    const ray = pane.ray(event);
     const found = grips.filter(({ mesh }) => shown(mesh)).flatMap((grip) =>
       ray.intersectObject(grip.mesh, false).map(({ distance }) => ({ ...grip, distance })));
     // A ball in the middle is meant before a ring behind which it lies.
@@ -201,7 +195,7 @@ export function hands(store) {
       pose: store.numbers.result.pose.map((row) => row.slice()), state: structuredClone(store.state) };
     if (grip.axis !== undefined) hold.along = vector(grip.axis === 0, grip.axis === 1, grip.axis === 2)
       .applyQuaternion(tool.quaternion);
-    const ray = rayAt(event);
+    const ray = pane.ray(event);
     if (grip.kind === "arm") hold.from = onLine(ray, origin, hold.along);
     else if (grip.kind === "ring" || grip.kind === "twirl") {
       if (grip.kind === "twirl") hold.along = line();
@@ -231,7 +225,7 @@ export function hands(store) {
   const toRoom = (way, toF) => way.applyMatrix3(new THREE.Matrix3().setFromMatrix4(toF));
 
   function drag(event) {
-    const ray = rayAt(event);
+    const ray = pane.ray(event);
     hold.moved = true;
     if (hold.kind === "ring") {
       const met = onPlane(ray, hold.origin, hold.along);
@@ -300,7 +294,7 @@ export function hands(store) {
 
   /** The point under a pointer on the arrow's own line or on an axis, if it passes one. */
   function onGuide(event) {
-    const ray = rayAt(event);
+    const ray = pane.ray(event);
     const turned = hold.state.load_axes === "body" ? new THREE.Quaternion()
       .setFromRotationMatrix(new THREE.Matrix4().extractRotation(node("M").matrixWorld))
       : node().getWorldQuaternion(new THREE.Quaternion());
@@ -384,7 +378,7 @@ export function hands(store) {
       row.classList.toggle("stopped", stopped.includes(`leg${i + 1}`)));
     if (hold) hold.names = stopped;
     const away = followed && !followed.reached;
-    ball.material.color.set(away ? 0xb3261e : 0x0b5cad);
+    ball.material.color.set(away ? STOPPED : FREE);
     if (!hold) return;
     hold.stopped = !away ? "" : stopped.length ? `${stopped.join(", ")} at ${stopped.length > 1 ? "their limits"
       : "its limit"}`

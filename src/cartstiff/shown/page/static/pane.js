@@ -1,6 +1,6 @@
 // The picture: meshcat's viewer in a pane of ours.
 
-import { byId, typeset } from "./dom.js";
+import { byId, hues, typeset } from "./dom.js";
 import { haunt, sharpen } from "./ghosts.js";
 import { arrange } from "./labels.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
@@ -115,6 +115,14 @@ export class Pane {
     return [2 * (event.clientX - box.left) / box.width - 1, 1 - 2 * (event.clientY - box.top) / box.height];
   }
 
+  /** From the eye through a pointer. */
+  ray(event) {
+    const [x, y] = this.place(event);
+    const ray = new MeshCat.THREE.Raycaster();
+    ray.setFromCamera({ x, y }, this.viewer.camera);
+    return ray;
+  }
+
   /** Write all values of an ellipsoid ("translation", "rotation"), or of none. */
   light(freedom) {
     if (this.lit === freedom) return;
@@ -159,12 +167,17 @@ export class Pane {
     this.waiting = performance.now() + PATIENCE;
   }
 
-  /** What is drawn below some names, if there is such a part. */
-  part(...names) {
-    return names.reduce((node, name) => node?.children[name], this.viewer.scene_tree)?.object;
+  /** A node of the tree below the mechanism's place, if there is one. */
+  branch(...names) {
+    return ["meshcat", "cartstiff", ...names].reduce((node, name) => node?.children[name], this.viewer.scene_tree);
   }
 
-  /** The same below the mechanism's place, where it may still be empty. */
+  /** What is drawn there. */
+  part(...names) {
+    return this.branch(...names)?.object;
+  }
+
+  /** The same, where it may still be empty. */
   at(...names) {
     return this.viewer.scene_tree.find(["meshcat", "cartstiff", ...names]).object;
   }
@@ -194,10 +207,22 @@ export class Pane {
     this.viewer.set_dirty();
   }
 
+  /** Words at a place, {text, at, height} with the table of their colours for light and dark; null for none. */
+  caption(names, words) {
+    const found = this.part(...names);
+    if (found) found.visible = words !== null;
+    if (!words) return;
+    const { text, at, height, hue } = words;
+    const numbers = (name) => [0, -1].map((k) => Number(`0x${hues(name).at(k).slice(1)}`));
+    if (text !== found?.children[0]?.userData.label?.text) this.write({ path: `/meshcat/cartstiff/${names.join("/")}`,
+      text, letters: numbers(hue), paper: numbers("label-paper"), height });
+    this.part(...names).position.copy(at);
+  }
+
   /** Label frames that coincide once. */
   frames() {
-    const [F, M] = ["F", "M"].map((name) => this.part("meshcat", "cartstiff", name));
-    const [one, other] = ["F", "M"].map((name) => this.part("meshcat", "cartstiff", name, "name"));
+    const [F, M] = ["F", "M"].map((name) => this.part(name));
+    const [one, other] = ["F", "M"].map((name) => this.part(name, "name"));
     const label = one?.children[0]?.userData.label;
     if (!label || !other) return;
     const isOne = F.position.distanceTo(M.position) < this.extent * COINCIDE;

@@ -31,12 +31,9 @@ export function meaning(names, mechanism) {
   return index === undefined ? null : { kind: "joint", index };
 }
 
-/** Parts under a place of the screen, the one that is meant first; `what` as in `meaning`. */
-export function under(pane, [x, y], mechanism) {
-  const { viewer } = pane;
-  const { Raycaster } = MeshCat.THREE;
-  const ray = new Raycaster();
-  ray.setFromCamera({ x, y }, viewer.camera);
+/** Parts under a pointer, the one that is meant first; `what` as in `meaning`. */
+export function under(pane, event, mechanism) {
+  const [x, y] = pane.place(event);
   const meshes = [];
   /** @type {any} */
   let point = null;
@@ -45,7 +42,7 @@ export function under(pane, [x, y], mechanism) {
     else if (node.isMesh && !node.userData.isTwin && /^(mechanism|wrench|deflection|.* ellipsoid)$/.test(pathOf(node)[0]
       ?? "")) meshes.push(node);
   });
-  const found = ray.intersectObjects(meshes, false)
+  const found = pane.ray(event).intersectObjects(meshes, false)
     .map(({ object, distance }) => ({ what: meaning(pathOf(object), mechanism), distance }))
     .filter(({ what }) => what)
     .sort((a, b) => MEANT[a.what.kind] - MEANT[b.what.kind] || a.distance - b.distance);
@@ -124,7 +121,7 @@ export function picking(store) {
     const moved = pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]);
     pressed = null;
     if (moved === null || moved > STILL || pane.holding || !store.numbers) return;
-    const what = under(pane, pane.place(event), store.hello.mechanism);
+    const what = under(pane, event, store.hello.mechanism);
     show(event);
     if (what?.kind === "point") standAt(store, what);
     else if (what) lightRow(store, what);
@@ -144,7 +141,7 @@ export function picking(store) {
 
   function show(event) {
     if (!event || !store.numbers || pane.holding) return;
-    const what = under(pane, pane.place(event), store.hello.mechanism);
+    const what = under(pane, event, store.hello.mechanism);
     pane.light(what?.freedom ?? null);
     point(nameOfPart(store, what));
     tip.say(what && words(store, what), event);

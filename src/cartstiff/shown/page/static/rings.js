@@ -3,6 +3,7 @@
 
 import { hues } from "./dom.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
+import { align, shape } from "./shapes.js";
 
 // A coordinate is near its end within this share of its range, and an angle within this (rad).
 const NEAR_END = 0.1;
@@ -13,18 +14,13 @@ export function limitRings(store, world, size) {
   const { THREE } = MeshCat;
   let rings = new Map(); // by joint of the tree, or by leg
 
-  const part = (...names) => store.pane.part("meshcat", "cartstiff", "mechanism", ...names);
+  const part = (...names) => store.pane.part("mechanism", ...names);
 
   function made(range) {
-    const paint = (opacity) => new THREE.MeshBasicMaterial({ color: hues("negative")[0], transparent: true, opacity,
-      depthTest: false });
     const ring = new THREE.Group();
-    ring.add(new THREE.Mesh(new THREE.TorusGeometry(0.62, 0.028, 8, 64, Math.min(range, 2 * Math.PI)), paint(1)));
-    ring.add(new THREE.Mesh(new THREE.SphereGeometry(0.075, 14, 10).translate(0.62, 0, 0), paint(1)));
-    for (const mesh of ring.children) {
-      mesh.renderOrder = 19;
-      mesh.userData.twin = false;
-    }
+    for (const geometry of [new THREE.TorusGeometry(0.62, 0.028, 8, 64, Math.min(range, 2 * Math.PI)),
+      new THREE.SphereGeometry(0.075, 14, 10).translate(0.62, 0, 0)]) ring.add(shape(geometry, hues("negative")[0],
+      { through: true, order: 19 }));
     world.add(ring);
     return ring;
   }
@@ -60,11 +56,7 @@ export function limitRings(store, world, size) {
       const ring = rings.get(key);
       const [arc, ball] = ring.children;
       ring.visible = true;
-      at.updateWorldMatrix(true, false);
-      const turned = new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().extractRotation(at.matrixWorld));
-      ring.position.set(along, 0, 0).applyMatrix4(at.matrixWorld);
-      ring.quaternion.copy(turned).multiply(new THREE.Quaternion()
-        .setFromUnitVectors(new THREE.Vector3(0, 0, 1), new THREE.Vector3(...axis).normalize()));
+      align(ring, at, [along, 0, 0], axis);
       // The joint's own frame turns with it: its lower end lies behind.
       arc.rotation.z = angle ? lower - x : 0;
       ball.visible = angle;

@@ -3,6 +3,7 @@
 
 import { all, byId, clamp, el, rgbs, typeset } from "./dom.js";
 import { between } from "./drawing.js";
+import { align, both, worldOf } from "./shapes.js";
 
 // A band about a joint: its radius and its thickness over the mechanism's size, without a share and with all of it.
 const [RADIUS, THIN, THICK, LARGER] = [0.066, 0.006, 0.02, 1.25];
@@ -89,7 +90,7 @@ function reasonFor({ displacement, rotation }) {
 /** The meshes below a place of a picture's mechanism. */
 function meshesOf(pane, ...names) {
   const found = [];
-  pane.part("meshcat", "cartstiff", "mechanism", ...names)?.traverse((node) => {
+  pane.part("mechanism", ...names)?.traverse((node) => {
     if (node.isMesh && !node.userData.isTwin) found.push(node);
   });
   return found;
@@ -113,21 +114,13 @@ export function sharePicture(store) {
   legColours(store);
   const { THREE } = MeshCat;
   const { pane } = store;
-  const world = new THREE.Group();
-  world.quaternion.copy(pane.viewer.scene.quaternion).invert();
-  pane.viewer.scene.add(world);
+  const world = worldOf(pane);
   const bands = new Map(); // by joint of the tree
   let lit = null;
 
   function made() {
     const band = new THREE.Group();
-    for (const opacity of [1, 0.35]) {
-      const paint = new THREE.MeshBasicMaterial({ transparent: true, opacity, depthTest: opacity === 1 });
-      const mesh = new THREE.Mesh(new THREE.TorusGeometry(1, 1, 12, 48), paint);
-      mesh.userData.twin = false;
-      mesh.renderOrder = opacity === 1 ? 5 : 4;
-      band.add(mesh);
-    }
+    band.add(...both(new THREE.TorusGeometry(1, 1, 12, 48), 0, 0.35, 5));
     world.add(band);
     return band;
   }
@@ -135,17 +128,14 @@ export function sharePicture(store) {
   /** A band about a joint's axis, as thick as its share is large. */
   function band(j, share, isLit) {
     const { size, per_length: per } = store.legend;
-    const at = pane.part("meshcat", "cartstiff", "mechanism", `joint ${j + 1}`);
+    const at = pane.part("mechanism", `joint ${j + 1}`);
     if (!at) return;
     if (!bands.has(j)) bands.set(j, made());
     const one = bands.get(j);
     one.visible = true;
-    at.updateWorldMatrix(true, false);
-    const turned = new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().extractRotation(at.matrixWorld));
     const { axes, joints, coordinates } = store.hello.mechanism;
-    const [axis, isSlide] = [new THREE.Vector3(...axes[j]).normalize(), coordinates[joints[j]].is_length];
-    one.position.setFromMatrixPosition(at.matrixWorld);
-    one.quaternion.copy(turned).multiply(new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 0, 1), axis));
+    const isSlide = coordinates[joints[j]].is_length;
+    align(one, at, [0, 0, 0], axes[j]);
     const thickness = (THIN + (THICK - THIN) * Math.min(1, Math.abs(share))) / RADIUS;
     const radius = RADIUS * size * per * (isLit ? LARGER : 1);
     for (const mesh of one.children) {

@@ -3,13 +3,12 @@
 
 import { bright, goodness, isOutside } from "./bright.js";
 import { el, engineering, hues, rgbs } from "./dom.js";
-import { numberOf } from "./give.js";
+import { both } from "./shapes.js";
 
 // Thickness of the way, and of the ball at its worst place, over the mechanism's size.
 const [WAY_THICK, WAY_BALL] = [0.006, 0.014];
 const WAY_SIDES = 8;
 const WAY_STOPS = 9;
-const WAY_NAME = ["meshcat", "cartstiff", "trace", "worst"];
 // Height of letters where the picture is one unit away.
 const WAY_LETTERS = 0.028;
 
@@ -28,7 +27,7 @@ export function traceOf(store, onchange) {
   const { THREE } = MeshCat;
   const group = new THREE.Group();
   const box = el("input", { type: "checkbox", onchange });
-  let named = null; // the label at the worst place, and where that is
+  let named = null; // the words at the worst place, and where that is
 
   /** A tube through places, each with its colour. */
   function tube(rows, colours, radius) {
@@ -47,15 +46,7 @@ export function traceOf(store, onchange) {
     return geometry;
   }
 
-  function add(geometry, colour = null) {
-    for (const [opacity, depthTest] of [[1, true], [0.4, false]]) {
-      const material = new THREE.MeshBasicMaterial({ vertexColors: !colour, color: colour ?? 0xffffff, opacity,
-        depthTest, transparent: !depthTest });
-      const mesh = new THREE.Mesh(geometry, material);
-      mesh.userData.twin = false;
-      group.add(mesh);
-    }
-  }
+  const add = (geometry, colour = null) => group.add(...both(geometry, colour, 0.4));
 
   function show(rows, found, allowed) {
     for (const { geometry, material } of group.children) [geometry, material].forEach((one) => one.dispose());
@@ -78,13 +69,10 @@ export function traceOf(store, onchange) {
     }
     if (!group.children.length) return;
     const { worst } = good;
-    const [ink] = hues("negative");
-    add(new THREE.SphereGeometry(WAY_BALL * size, 16, 12).translate(...worst.position), numberOf(ink));
+    add(new THREE.SphereGeometry(WAY_BALL * size, 16, 12).translate(...worst.position), hues("negative")[0]);
     const [x, y, z] = worst.position;
-    named = { at: [x, y, z + 3 * WAY_BALL * size], label: { path: `/${WAY_NAME.join("/")}`,
-      height: WAY_LETTERS / store.legend.per_length,
-      text: `worst ${engineering(good.value(worst), found.unit === "1" ? "" : found.unit, 3)}`,
-      letters: [ink, ink].map(numberOf), paper: hues("label-paper").map(numberOf) } };
+    named = { at: new THREE.Vector3(x, y, z + 3 * WAY_BALL * size), height: WAY_LETTERS / store.legend.per_length,
+      text: `worst ${engineering(good.value(worst), found.unit === "1" ? "" : found.unit, 3)}`, hue: "negative" };
   }
 
   /** What the colours say, as a map's bar has it. */
@@ -109,11 +97,7 @@ export function traceOf(store, onchange) {
   store.pane.before.push(() => {
     const place = store.pane.at("trace");
     if (group.parent !== place) place.add(group);
-    const label = store.pane.part(...WAY_NAME);
-    if (label) label.visible = named !== null;
-    if (!named) return;
-    if (label?.children[0]?.userData.label.text !== named.label.text) store.pane.write(named.label);
-    store.pane.part(...WAY_NAME).position.set(...named.at);
+    store.pane.caption(["trace", "worst"], named);
   });
   const node = el("label.check", { title: "The way of M along the plot, in the colours of its values" }, box,
     "Way along the plot");
