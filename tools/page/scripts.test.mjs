@@ -19,7 +19,8 @@ const dom = await module("dom");
 const { nearer, isWhole } = await module("plot");
 const plotfiles = await module("plotfiles");
 const principal = await module("principal");
-const { Store, givenLoad } = await module("store");
+const { givenLoad } = await module("loads");
+const { Store } = await module("store");
 const { directionWords } = await module("words");
 
 /** Numbers between -1 and 1, the same each time. */

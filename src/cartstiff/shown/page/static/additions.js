@@ -1,12 +1,11 @@
 // Sliders that a user's code has added to the page; the arrows come with the picture.
 
-import { byId, el, heading } from "./dom.js";
+import { card, el, heading } from "./dom.js";
 import { sliderRow } from "./inputs.js";
 
 export function additionsCard(store) {
   const list = el("div.sliders");
-  const card = el("div.card.additions-card", { hidden: true }, heading("From Python"), list);
-  byId("left").append(card);
+  const own = card("left", "div.card.additions-card", { hidden: true }, heading("From Python"), list);
   let rows = new Map();
   const values = {};
   const held = new Set(); // what somebody moves here is not set from elsewhere
@@ -31,8 +30,8 @@ export function additionsCard(store) {
   store.on("additions", ({ sliders }) => {
     const key = JSON.stringify(sliders.map(({ value, ...rest }) => rest));
     for (const { name, value } of sliders) if (!held.has(name)) values[name] = value;
-    if (card.dataset.key !== key) {
-      card.dataset.key = key;
+    if (own.dataset.key !== key) {
+      own.dataset.key = key;
       rows = new Map(sliders.map(({ name, lower, upper }, k) => [name, sliderRow(store, { id: `slider-own-${k}`, name,
         lower, upper, unit: "", is_length: true, limited: true, value: () => values[name], move: (x) => {
           values[name] = x;
@@ -41,7 +40,7 @@ export function additionsCard(store) {
         } })]));
       list.replaceChildren(...[...rows.values()].map(({ node }) => node));
     }
-    card.hidden = !sliders.length;
+    own.hidden = !sliders.length;
     for (const row of rows.values()) {
       row.relabel();
       row.set();

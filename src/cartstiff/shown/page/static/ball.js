@@ -2,7 +2,7 @@
 // keys, and read it.
 
 import { times } from "./algebra.js";
-import { byId, clamp, el, engineering, plainly, rgbs, tipIn } from "./dom.js";
+import { byId, checkbox, clamp, el, engineering, plainly, rgbs, tipIn } from "./dom.js";
 import { between } from "./drawing.js";
 import { shape } from "./shapes.js";
 import { directionWords } from "./words.js";
@@ -23,7 +23,10 @@ export function stiffnessBall(store) {
   const words = el("div.ball-words.num", { role: "status", hidden: true });
   byId("stage").append(words);
   const tip = tipIn(byId("stage"), "overlay", [14, 16]);
-  const box = el("input", { type: "checkbox", onchange: () => { update(); pane.viewer.set_dirty(); } });
+  const box = checkbox("Coloured ball", () => {
+    update();
+    pane.viewer.set_dirty();
+  }, { title: "The stiffness along every direction; point at it to read it" });
   let found = null; // values in the units of stiffness, and axes in M
 
   /** Principal stiffnesses, of a compliance their reciprocals. */
@@ -37,7 +40,7 @@ export function stiffnessBall(store) {
   const text = (k) => engineering(k, `${store.unit("force")}/${store.unit("length")}`, 3, store.sizes.translation);
 
   function update() {
-    found = box.checked ? stiffnesses() : null;
+    found = box.control.checked ? stiffnesses() : null;
     mesh.visible = found !== null;
     words.hidden = found === null;
     if (!found) return;
@@ -80,6 +83,5 @@ export function stiffnessBall(store) {
     return plainly(directionWords(times(R, direction), true, store.hello.mechanism.upright));
   };
   store.on("numbers", update);
-  return el("label.check", { title: "The stiffness along every direction; point at it to read it" }, box,
-    "Coloured ball");
+  return box;
 }

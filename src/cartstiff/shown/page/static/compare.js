@@ -2,15 +2,15 @@
 // each, with ratios; their pictures under the same camera, at the same scale.
 
 import { displacementWords } from "./deflection.js";
-import { button, byId, el, heading, inSize, short } from "./dom.js";
-import { actsAt } from "./formulas.js";
+import { button, byId, card, checkbox, el, heading, inSize, short } from "./dom.js";
 import { callOut } from "./give.js";
+import { actsAt, givenLoad, wayOf } from "./loads.js";
 import { symbol } from "./matrix.js";
 import { freeness } from "./numbers.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { Pane } from "./pane.js";
 import { legColours } from "./shares.js";
-import { givenLoad, partOf, Store, LOOKS, METRES } from "./store.js";
+import { LOOKS, METRES, Store, partOf } from "./store.js";
 
 // A picture that nobody sees.
 const NONE = { reset() {}, apply() {}, wait() {}, holding: false };
@@ -148,8 +148,7 @@ class Row {
 /** Values of a row's numbers: how far the load moves the point, and the softest of each freedom. */
 function values(numbers, { quantity }) {
   const soft = (freedom) => numbers.principal?.[freedom].values.at(quantity === "stiffness" ? 0 : -1) ?? null;
-  return [numbers.moved?.resisted ? Math.hypot(...numbers.moved.displacement) : null, soft("translation"),
-    soft("rotation")];
+  return [wayOf(numbers), soft("translation"), soft("rotation")];
 }
 
 /** In words, how a kept state differs from the one in hand. */
@@ -168,10 +167,10 @@ export function compareCard(store) {
   const table = el("table.compared");
   const keep = button("", () => store.keep(),
     { title: "Keep posture, load and springs as a state to compare with (a)" });
-  const pictures = el("input", { type: "checkbox", onchange: () => show() });
-  const aside = el("label.check", { title: "One camera, one scale, radii as in the legend" }, pictures,
-    "pictures side by side");
-  byId("right").append(el("div.card.compare-card", heading("States", aside, keep), table));
+  const aside = checkbox("pictures side by side", () => show(),
+    { title: "One camera, one scale, radii as in the legend" });
+  const pictures = aside.control;
+  card("right", "div.card.compare-card", heading("States", aside, keep), table);
   const beside = byId("beside");
 
   function insert(row) {

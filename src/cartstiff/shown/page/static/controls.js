@@ -1,11 +1,11 @@
 // Setup (load, drives, springs, reference point), and what the picture shows.
 
 import { stiffnessBall } from "./ball.js";
-import { button, byId, choice, dropdown, el, engineering, heading, hint, stateChoice, tabs, toast } from "./dom.js";
+import { button, byId, card, checkbox, choice, dropdown, el, heading, hint, stateChoice, tabs, toast } from "./dom.js";
 import { fields, sliderRow } from "./inputs.js";
+import { givenLoad, loadWords } from "./loads.js";
 import { NEGLIGIBLE_DIFFERENCE, ZERO_SHARE } from "./numerics.js";
 import { pointOfMap, standAt, standAtExtreme, words } from "./pick.js";
-import { givenLoad } from "./store.js";
 
 const COORDINATES = ["x", "y", "z"];
 const AXES = [["body", "tool axes", "Components along the axes of the body frame M"],
@@ -17,8 +17,8 @@ export function controls(store) {
   const panels = ["load", "drives", "springs", "point"].map((name) =>
     [name, name[0].toUpperCase() + name.slice(1), el("div.panel")]);
   const [loadPanel, drives, springPanel, pointPanel] = panels.map(([, , node]) => node);
-  const [tab, , offer] = tabs("Setup", panels);
-  byId("left").append(el("div.card.setup-card", heading("Setup", note), tab, ...panels.map(([, , node]) => node)));
+  const [tab, offer] = tabs("Setup", panels);
+  card("left", "div.card.setup-card", heading("Setup", note), tab, ...panels.map(([, , node]) => node));
   const notes = { drives: drivesPanel(store, drives, offer) };
 
   const axes = stateChoice(store, "axes", "Axes of the numbers", AXES);
@@ -149,9 +149,7 @@ export function controls(store) {
 
   function loadNote() {
     if (!store.numbers.result.wrench) return "none can hold it";
-    const sizes = [[3, "force"], [0, "moment"]].map(([i, kind]) =>
-      [Math.hypot(...exerted().slice(Number(i), Number(i) + 3)), store.unit(kind)]);
-    return sizes.filter(([x]) => x).map(([x, unit]) => engineering(x, unit)).join(", ") || "no load";
+    return loadWords(store, { load: exerted() }) || "no load";
   }
 
   store.on("hello", build);
@@ -209,24 +207,17 @@ const TOGGLES = [
 
 /** What the picture shows, from where, and what its sizes mean. */
 export function pictureControls(store) {
-  const boxes = new Map();
   const list = byId("show-list");
-  for (const [key, text] of TOGGLES) {
-    const box = el("input", { type: "checkbox", onchange: () => store.change({ [key]: box.checked }) });
-    boxes.set(key, box);
-    list.append(el("label.check", box, text));
-  }
-  const every = el("input",
-    { type: "checkbox", onchange: () => { store.pane.every = every.checked; store.pane.viewer.set_dirty(); } });
-  list.append(el("label.check",
-    { title: "Otherwise the softest value of each, and the others when it is pointed at" }, every,
-      "All principal values"));
-  list.append(stiffnessBall(store));
+  const boxes = TOGGLES.map(([key, text]) => [key, checkbox(text, (is) => store.change({ [key]: is }))]);
+  const every = checkbox("All principal values", (is) => {
+    store.pane.every = is;
+    store.pane.viewer.set_dirty();
+  }, { title: "Otherwise the softest value of each, and the others when it is pointed at" });
   const scale = stateChoice(store, "scale", "Scale of the ellipsoids",
     [["root", "√", "Radii grow with the square root of the value: soft and stiff stay visible"],
       ["linear", "linear", "Radii grow with the value"],
       ["log", "log", "Radii grow with the logarithm; a ring for each factor of ten"]]);
-  list.append(el("div.line", el("span", "radii"), scale));
+  list.append(...boxes.map(([, box]) => box), every, stiffnessBall(store), el("div.line", el("span", "radii"), scale));
   const details = byId("show");
   document.addEventListener("pointerdown", (/** @type {any} */ event) => {
     if (!details.contains(event.target)) details.open = false;
@@ -239,13 +230,13 @@ export function pictureControls(store) {
     cameras.append(button(text, look, { title: `View: ${text.toLowerCase()}`, "data-preset": preset }));
   }
 
-  store.on("state", () => { for (const [key, box] of boxes) box.checked = store.state[key]; });
+  store.on("state", () => { for (const [key, { control }] of boxes) control.checked = store.state[key]; });
   store.on("hello", (hello) => {
     // An exported page draws some parts only.
     const fixed = !store.source.live;
     for (const [key, box] of boxes) {
-      box.disabled = store.source.shows !== null && !store.source.shows.includes(key);
-      box.parentElement.title = box.disabled ? "`cartstiff view` draws this" : "";
+      box.control.disabled = store.source.shows !== null && !store.source.shows.includes(key);
+      box.title = box.control.disabled ? "`cartstiff view` draws this" : "";
     }
     for (const { control } of scale.children) control.disabled = !store.source.moves;
     const points = hello.cloud;

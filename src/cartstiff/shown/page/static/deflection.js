@@ -1,7 +1,8 @@
 // The answer: how far the load moves the point, which way, and what contributes; without a load, where it is softest.
 
-import { button, byId, el, engineering, plainly, together, typeset } from "./dom.js";
+import { button, card, el, engineering, plainly, together, typeset } from "./dom.js";
 import { give } from "./give.js";
+import { loadWords, wayOf } from "./loads.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { doubts } from "./plotfiles.js";
 import { shareBars, sharePicture } from "./shares.js";
@@ -26,14 +27,11 @@ function judged(store) {
 /** Load, weight and what is taken for granted, in a line. */
 function assumptions(store, moved) {
   const { result } = store.numbers;
-  const [m, f] = [0, 3].map((i) => Math.hypot(...(store.shown.load ?? result.wrench).slice(i, i + 3)));
-  const load = [[f, "force"], [m, "moment"]].filter(([x]) => Number(x) > 0)
-    .map(([x, kind]) => engineering(x, store.unit(kind))).join(", ");
   const at = moved.acts_at.some((x) => x) ? `${together(moved.acts_at, store.unit("length"))} in M` : "M";
   const held = store.shown.load ? ""
     : "No load is given: this wrench holds the body on its springs, and without it the body moves back as far. ";
   const weighed = store.numbers.weighed ?? store.hello.mechanism.weighed;
-  return typeset(`${held}${load} at ${at}: ${result.load.meaning}. ${weighed}. To first order.`);
+  return typeset(`${held}${loadWords(store)} at ${at}: ${result.load.meaning}. ${weighed}. To first order.`);
 }
 
 /** The better posture that Python finds, as a pale second mechanism, with what gets worse: to be taken or left. */
@@ -120,9 +118,8 @@ export function deflectionPanel(store) {
   }
   const [softest, doubt, advice] = ["softest", "doubt", "advice"].map((name) => el("p", { class: `fact ${name}` }));
   const { search, node: offer } = betterPosture(store);
-  byId("right").append(el("div.card.moved-card",
-    el("div.row.head", title, el("span.grow"), search, play),
-    first, head, advice, factor, settled, offer, bars, softest, doubt, detail, line));
+  card("right", "div.card.moved-card", el("div.row.head", title, el("span.grow"), search, play),
+    first, head, advice, factor, settled, offer, bars, softest, doubt, detail, line);
 
   /** What is true with a load or without: the softest direction, how sure the springs are. */
   function facts() {
@@ -157,7 +154,7 @@ export function deflectionPanel(store) {
     const { isLoaded } = store;
     title.textContent = isLoaded ? "Under this load" : "Stiffness here";
     first.hidden = isLoaded || !store.source.moves || !store.hello.mechanism.takes_load;
-    search.hidden = !store.source.live || !store.shown.load || !moved?.resisted || !moved.displacement.some((x) => x);
+    search.hidden = !store.source.live || !store.shown.load || !wayOf(store.numbers);
     for (const node of [detail, line]) node.replaceChildren();
     head.hidden = false;
     const say = (kind, ...words) => {

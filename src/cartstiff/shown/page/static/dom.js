@@ -155,6 +155,28 @@ export const hint = (...words) => el("p.dim.small", ...words);
 
 export const button = (words, onclick, more = {}) => el("button", { type: "button", onclick, ...more }, words);
 
+/** A box to check, with its words. */
+export const checkbox = (words, onchange, more = {}) =>
+  el("label.check", more, el("input", { type: "checkbox", onchange: ({ target }) => onchange(target.checked) }), words);
+
+/** A card of the page, on the left or on the right; it may fold under a title, and words beside it. */
+export function card(side, tag, ...content) {
+  const node = el(tag, ...content);
+  byId(side).append(node);
+  return node;
+}
+export const folded = (name, title, said, ontoggle, ...content) =>
+  card("right", `details.card.${name}-card`, { ontoggle }, el("summary", el("h2", title), said), ...content);
+
+/** Open one of the page's two dialogs. */
+export function openDialog(id, title, ...content) {
+  const dialog = byId(id);
+  dialog.setAttribute("aria-label", title);
+  dialog.replaceChildren(heading(title, button("Close", () => dialog.close())), ...content);
+  dialog.showModal();
+  return dialog;
+}
+
 /** A radio button with its words: [text or node], more attributes of the label. */
 export function radio(name, value, words, onchange, more = {}) {
   return el("label", { "data-value": value, ...more }, el("input", { type: "radio", name, value, onchange }), ...words);
@@ -176,7 +198,7 @@ export function stateChoice(store, key, label, options) {
   return group;
 }
 
-/** Panels [name, words, node] of which one is seen, by tabs; returns [element, show, offer]. */
+/** Panels [name, words, node] of which one is seen, by tabs; returns [element, offer]. */
 export function tabs(label, panels) {
   const [group, choose] = choice(label, panels.map(([name, words]) => [name, words]), show);
   function show(wanted) {
@@ -191,7 +213,7 @@ export function tabs(label, panels) {
   };
   for (const [name, , node] of panels) node.reveal = () => show(name);
   show(panels[0][0]);
-  return [group, show, offer];
+  return [group, offer];
 }
 
 /** See a node, in whatever tab or fold it is. */

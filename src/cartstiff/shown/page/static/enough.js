@@ -1,6 +1,7 @@
 // Is it good enough? A displacement that is allowed: whether the load stays within it, and how large it may be.
 
-import { byId, el, engineering, inSize, plainly, short } from "./dom.js";
+import { el, engineering, folded, inSize, plainly, short } from "./dom.js";
+import { loadWords, wayOf } from "./loads.js";
 
 // Unit in which a displacement is typed, where the file's is a metre.
 const TYPED = "mm";
@@ -13,20 +14,13 @@ export function enoughCard(store) {
   } });
   const unit = el("span.dim");
   const result = el("output", { for: "allowed" });
-  byId("right").append(el("details.card.enough-card",
-    el("summary", el("h2", "Is it good enough?"), said),
-    el("label.line", el("span", "allowed displacement"), input, unit), result));
+  folded("enough", "Is it good enough?", said, () => {},
+    el("label.line", el("span", "allowed displacement"), input, unit), result);
 
   const own = () => store.unit("length");
   const factor = () => (own() === "m" ? inSize(1e-3, own())[0] : 1);
 
-  /** How large the load is, as people say it. */
-  function size(times) {
-    const load = store.shown.load ?? store.numbers.result.wrench;
-    return [[3, "force"], [0, "moment"]].map(([i, kind]) =>
-      [Math.hypot(...load.slice(Number(i), Number(i) + 3)), store.unit(kind)])
-      .filter(([x]) => x).map(([x, name]) => engineering(times * Number(x), name, 3)).join(", ");
-  }
+  const size = (times) => loadWords(store, { digits: 3, times });
 
   function update() {
     const { state: { allowed }, numbers } = store;
@@ -34,7 +28,7 @@ export function enoughCard(store) {
     unit.textContent = own() === "m" ? TYPED : own();
     if (document.activeElement !== input) input.value = allowed ? Number((allowed / factor()).toPrecision(12)) : "";
     const { moved } = numbers;
-    const way = moved?.resisted ? Math.hypot(...moved.displacement) : null;
+    const way = wayOf(numbers);
     const isInside = way !== null && way <= allowed;
     result.dataset.level = !allowed || !moved ? "none" : isInside ? "good" : "bad";
     said.textContent = !allowed ? "" : !moved ? "needs a load" : isInside ? "✓ inside" : "✕ outside";

@@ -4,6 +4,7 @@
 import { adjoint, angles, back, changed, congruence, cross, dot, identity, inverse, largest, motion, moving, place,
   plus, product, rotation, scaled, scaledInverse, singular, sureOfInverse, symmetric, times,
   transposed } from "./algebra.js";
+import { actsAt } from "./loads.js";
 import { EPSILON, LOST_ERROR, NEGLIGIBLE_DIFFERENCE, RANK, REPORTED_ERROR } from "./numerics.js";
 
 export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, "
@@ -252,5 +253,3 @@ function orthonormal(vectors) {
   }
   return found;
 }
-/** The point in M at which the load acts. */
-export const actsAt = (state) => state.load_at ?? (state.load ? state.point : [0, 0, 0]);

@@ -1,19 +1,16 @@
 // Guided starts, for who opens a page without a mechanism: Python says the steps, this takes them.
 
-import { all, button, byId, el, heading, hint, reveal } from "./dom.js";
+import { all, button, byId, el, heading, hint, openDialog, reveal } from "./dom.js";
 
 /** The choice at first, and the steps of the one that was chosen. */
 export function guides(store) {
   const address = (number) => `${location.pathname}?mechanism=${number}`;
 
   function choose(found) {
-    const dialog = byId("report");
-    dialog.setAttribute("aria-label", "Where to start");
-    dialog.replaceChildren(heading("Where to start", button("Close", () => dialog.close())),
+    openDialog("report", "Where to start",
       ...found.map(({ title, words }, k) => el("a.start", { href: address(k) }, el("b", title),
         el("span.dim", words))),
       hint("Each takes a minute. Your own mechanism: cartstiff view NAME, or a file; cartstiff models lists names."));
-    dialog.showModal();
   }
 
   function lead({ title, steps }, others) {

@@ -2,7 +2,7 @@
 
 import { bright, goodness, isOutside } from "./bright.js";
 import { ARROWS, clamp, download, dropdown, engineering, short } from "./dom.js";
-import { isWhole, nearer, Plot } from "./plot.js";
+import { Plot, isWhole, nearer } from "./plot.js";
 import { drawing, provenance, saveDrawing, svg, table } from "./plotfiles.js";
 import { curvesOf, inWords } from "./store.js";
 

@@ -1,6 +1,6 @@
 // Light and dark, keyboard shortcuts, and their list.
 
-import { all, button, byId, el, heading, hint } from "./dom.js";
+import { all, button, byId, el, hint, openDialog } from "./dom.js";
 import { showReport } from "./numbers.js";
 import { toHome, toRandom, toZero } from "./pose.js";
 
@@ -47,10 +47,8 @@ export function shortcuts(store, parts) {
   ];
 
   function showHelp() {
-    const dialog = byId("help");
-    if (dialog.open) return dialog.close();
-    dialog.replaceChildren(
-      heading("Keyboard", button("Close", () => dialog.close())),
+    if (byId("help").open) return byId("help").close();
+    openDialog("help", "Keyboard shortcuts",
       el("dl.keys", ...[...keys, ["← →", "on a slider: 1° or 0.5 %; Shift a tenth, PageUp ten"],
         ["Tab", "next control; arrows within a group"]]
         .map(([key, words]) => el("div", el("dt",
@@ -61,7 +59,6 @@ export function shortcuts(store, parts) {
             + "becomes the posture. Arrow keys turn the view, with Shift they move it, + and − zoom. The wheel zooms "
               + "curves, as + and − do on their slider. In a map of colours arrow keys read cells, Enter goes there."),
       hint(`cartstiff ${store.hello.version}`));
-    dialog.showModal();
   }
 
   document.addEventListener("keydown", (/** @type {any} */ event) => {

@@ -2,6 +2,7 @@
 // file that carries all of it.
 
 import { byId, dropdown, el, engineering, inSize, short, typeset } from "./dom.js";
+import { loadWords, wayOf } from "./loads.js";
 import { PRINTED, doubts, legible, printed, provenance, saveDrawing, sheet, svg, timesOf } from "./plotfiles.js";
 import { askPrint } from "./print.js";
 
@@ -141,14 +142,10 @@ export function pictureFile(store, name) {
 }
 
 /** How far the load moves the point, in words with units. */
-function answerIn({ numbers: { moved, result }, shown, ...store }) {
-  if (!moved?.resisted) return "";
-  const { units } = store.hello.mechanism;
-  const load = shown.load ?? result.wrench;
-  const sizes = [[3, units.force], [0, `${units.force} ${units.length}`]].map(([i, unit]) =>
-    [Math.hypot(...load.slice(i, i + 3)), unit]).filter(([x]) => x).map(([x, unit]) => engineering(x, unit));
-  const what = shown.point.some((x) => x) ? "the point" : "M";
-  return ` under ${sizes.join(" and ")}: ${what} moves ${engineering(Math.hypot(...moved.displacement), units.length)}`;
+function answerIn(store) {
+  const way = wayOf(store.numbers);
+  const what = store.shown.point.some((x) => x) ? "the point" : "M";
+  return way === null ? "" : ` under ${loadWords(store)}: ${what} moves ${engineering(way, store.unit("length"))}`;
 }
 
 /** Rows whose pictures are beside this one. */

@@ -1,10 +1,11 @@
 // The page: from a server, or from the data that an exported file holds.
 
+import { additionsCard } from "./additions.js";
 import { compareCard } from "./compare.js";
 import { controls, pictureControls } from "./controls.js";
 import { deflectionPanel } from "./deflection.js";
-import { enoughCard } from "./enough.js";
 import { all, button, byId, el, loaded } from "./dom.js";
+import { enoughCard } from "./enough.js";
 import { restore } from "./filters.js";
 import { guides } from "./guide.js";
 import { hands } from "./hands.js";
@@ -19,7 +20,6 @@ import { Pane } from "./pane.js";
 import { picking } from "./pick.js";
 import { posePanel } from "./pose.js";
 import { linkTo, sharing } from "./share.js";
-import { additionsCard } from "./additions.js";
 import { Store } from "./store.js";
 import { strip } from "./strip.js";
 import { whatIfCard } from "./whatif.js";

@@ -1,7 +1,7 @@
 // The 6x6 matrix as a heat map with units, and the choice of connection.
 
 import { sureOfInverse } from "./algebra.js";
-import { ARROWS, all, button, byId, choice, copy, dropdown, el, inSize, short, stateChoice, sure } from "./dom.js";
+import { ARROWS, all, button, card, choice, copy, dropdown, el, inSize, short, stateChoice, sure } from "./dom.js";
 import { ROUNDOFF, UNCOUPLED } from "./numerics.js";
 import { safeCell } from "./plotfiles.js";
 
@@ -63,12 +63,11 @@ export function matrixPanel(store) {
   const choices = el("div.row.choices", connections, el("span.grow"), quantities);
   parts.prepend(connections.lastChild);
   const fold = el("details.parts-fold", el("summary", "Parts and transpose"), parts);
-  byId("right").append(el("details.card.matrix-card", el("summary", title, place, badge), choices,
-    table, absent,
+  card("right", "details.card.matrix-card", el("summary", title, place, badge), choices, table, absent,
     el("div.row", readout,
       button("NumPy", () => copyNumpy(), { class: "quiet", title: "Copy as NumPy array (c)" }),
       button("CSV", () => copyCsv(), { class: "quiet", title: "Copy as CSV" })),
-    meaning, fold));
+    meaning, fold);
   chooseView(view);
 
   let read = null;

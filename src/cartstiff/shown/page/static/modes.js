@@ -1,6 +1,6 @@
 // Modes in a table, and the response of the body over frequency.
 
-import { LOST, byId, el, engineering, hint, inSize, radio, short, toast } from "./dom.js";
+import { LOST, byId, el, engineering, folded, hint, inSize, radio, short, toast } from "./dom.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { Plot } from "./plot.js";
 import { mechanicsOf } from "./store.js";
@@ -13,14 +13,12 @@ export function modesPanel(store) {
   const note = el("span.dim.small");
   const rows = el("div.modes", { role: "radiogroup", "aria-label": "Modes" });
   const words = hint();
-  const card = el("details.card.modes-card", { ontoggle: () => {
+  const response = responseStrip(store);
+  const card = folded("modes", "Vibration", note, () => {
     const wanted = card.open ? (store.state.mode ?? 1) : null;
     if (store.state && store.state.mode !== wanted && (store.source.live || card.open)) choose(wanted);
     response(card.open);
-  } }, el("summary", el("h2", "Vibration"), note), rows, words);
-  byId("right").append(card);
-
-  const response = responseStrip(store);
+  }, rows, words);
 
   const choose = (mode) => store.change({ mode });
 

@@ -1,7 +1,7 @@
 // Verdict, principal values, condition, distance to singularities, notes.
 
 import { angles } from "./algebra.js";
-import { button, byId, chop, clamp, el, engineering, heading, inSize, plainly, short, stateChoice, sure,
+import { button, byId, card, chop, clamp, el, engineering, inSize, openDialog, plainly, short, stateChoice, sure,
   tuple } from "./dom.js";
 import { symbol } from "./matrix.js";
 import { NEAR_SINGULARITY, PRINTED_AS_ZERO, RANK } from "./numerics.js";
@@ -49,9 +49,9 @@ export function numbersPanel(store) {
       + "nothing loads the other freedoms"],
       ["held", "held", "Principal values of translation while the body cannot turn, of rotation while it cannot move: "
         + "the diagonal blocks of the stiffness matrix"]]);
-  byId("right").append(el("div.card.principal-card", el("div.row", head, others,
+  card("right", "div.card.principal-card", el("div.row", head, others,
     button("Full analysis", () => showReport(store), { class: "quiet", title: "Everything that the matrix says (i)" })),
-      table, facts, meters));
+  table, facts, meters);
 
   /** Principal values of a freedom, in a unit of their size. */
   function row(kind, mark, unit, others) {
@@ -117,8 +117,7 @@ export function numbersPanel(store) {
 
 export function notesCard(store) {
   const notes = el("ul.notes", { "aria-label": "Notes" });
-  const card = el("div.card.notes-card", notes);
-  byId("right").append(card);
+  const own = card("right", "div.card.notes-card", notes);
   store.on("numbers", () => {
     const { doubts, result } = store.numbers;
     const rank = ({ code }) => (doubts.includes(code) ? doubts.indexOf(code) : doubts.length);
@@ -127,23 +126,16 @@ export function notesCard(store) {
     const found = result.notes.filter(({ code }) => !elsewhere.includes(code)).toSorted((a, b) => rank(a) - rank(b));
     notes.replaceChildren(...found.map(({ message }) => el("li",
       plainly(`${message[0].toUpperCase()}${message.slice(1)}`))));
-    card.hidden = !found.length;
+    own.hidden = !found.length;
   });
 }
 
 /** The analysis as text, in a dialog. */
 export async function showReport(store) {
-  const dialog = byId("report");
-  if (dialog.open) return dialog.close();
+  if (byId("report").open) return byId("report").close();
   const text = el("pre", "…");
-  const head = heading("Analysis", button("Close", () => dialog.close()));
-  dialog.replaceChildren(head, text);
-  dialog.showModal();
-  try {
-    const answer = await store.ask({ do: "analysis" });
-    head.firstChild.textContent = answer.title;
-    text.textContent = answer.text;
-  } catch (error) {
-    text.textContent = error.message;
-  }
+  const { firstChild: head } = openDialog("report", "Analysis", text);
+  const answer = await store.ask({ do: "analysis" }).catch(({ message }) => ({ title: "Analysis", text: message }));
+  head.firstChild.textContent = answer.title;
+  text.textContent = answer.text;
 }

@@ -6,8 +6,8 @@ import { rowOf } from "./curves.js";
 import { clamp } from "./dom.js";
 import { Drawing } from "./drawing.js";
 import { NOT_CLOSED } from "./formulas.js";
+import { NEAR_SINGULARITY, NEGLIGIBLE_DIFFERENCE, ROUNDOFF } from "./numerics.js";
 import { Program } from "./program.js";
-import { NEGLIGIBLE_DIFFERENCE, NEAR_SINGULARITY, ROUNDOFF } from "./numerics.js";
 
 // Postures of a sweep: an even number, so that none is in the middle of the range, where many a singularity lies.
 const STEPS = 120;

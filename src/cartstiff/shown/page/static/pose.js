@@ -1,7 +1,7 @@
 // Sliders and numbers of the coordinates, a platform's legs, the pose of the tool.
 
 import { angles } from "./algebra.js";
-import { button, byId, chop, clamp, el, hint, short, tabs, toast } from "./dom.js";
+import { button, card, chop, clamp, el, hint, short, tabs, toast } from "./dom.js";
 import { fields, sliderRow } from "./inputs.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 
@@ -27,13 +27,10 @@ export function posePanel(store) {
   const zero = button("Zero", () => toZero(store), { title: "All coordinates zero, where the limits allow it (0)" });
   const random = button("Random", () => toRandom(store), { title: "A random posture within the limits (r)" });
   const [joints, tool, note] = [el("div"), el("div.panel"), el("span.dim.small")];
-  const [tab, , offer] = tabs("Posture by", [["joints", "Joints", joints], ["tool", "Tool", tool]]);
-  const panel = el("div.card.posture-card",
-    el("div.row.head", el("h2", "Posture"), tab, el("span.grow"), unitButton),
-    el("div.row.buttons", home, zero, random),
-    note, joints, tool);
+  const [tab, offer] = tabs("Posture by", [["joints", "Joints", joints], ["tool", "Tool", tool]]);
+  card("left", "div.card.posture-card", el("div.row.head", el("h2", "Posture"), tab, el("span.grow"), unitButton),
+    el("div.row.buttons", home, zero, random), note, joints, tool);
   joints.append(filter, list, legs, meaning);
-  byId("left").append(panel);
   toolPanel(store, tool, note, offer);
 
   function flipAngle() {

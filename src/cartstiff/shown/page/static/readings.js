@@ -3,6 +3,7 @@
 import { adjoint, block, congruence, cross, dot, eigen, identity, inverse, largest, motion, place, plus, product,
   rotation, scaled, scaledInverse, symmetric, times, transposed } from "./algebra.js";
 import { Formulas, rows } from "./formulas.js";
+import { wayOf } from "./loads.js";
 import { PRINTED_AS_ZERO, ROUNDOFF, STALLED_RESIDUAL, ZERO_SHARE } from "./numerics.js";
 import { asymmetry, definiteness, inFrame, principalValues, softest, turnsBy } from "./principal.js";
 import { directionWords } from "./words.js";
@@ -196,8 +197,7 @@ export class Readings extends Formulas {
   /** As `cartstiff.shown.page.what_if.what_if`. */
   whatIf(state, to) {
     const size = (one) => {
-      const moved = this.moved(this.solve(one), one);
-      return moved?.resisted ? Math.hypot(...moved.displacement) : null;
+      return wayOf({ moved: this.moved(this.solve(one), one) });
     };
     const now = Array.from(state.stiffness ?? this.data.shared.stiffness);
     const sizes = to.map((k, i) => {

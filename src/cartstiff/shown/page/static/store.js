@@ -2,9 +2,9 @@
 // Words about numbers are read from `shown`, never from `state`.
 // One question is in flight; while it is, only the newest state is kept.
 
-import { cross, rotation, times } from "./algebra.js";
-import { LOST, SUPERSEDED, chop, short } from "./dom.js";
+import { LOST, SUPERSEDED, short } from "./dom.js";
 import { legendOf } from "./legend.js";
+import { givenLoad } from "./loads.js";
 
 // Time (ms) after which what is shown is said to be of another posture.
 const LATE = 700;
@@ -397,23 +397,6 @@ export class Store extends EventTarget {
     return quantity === "stiffness" ? [[`${m}/rad`, f], [`${f}/rad`, `${f}/${l}`]]
       : [[`rad/(${m})`, `rad/${f}`], [`${l}/(${m})`, `${l}/${f}`]];
   }
-}
-
-/** Another posture moves the drives and leaves the load: the patch of a state that says so.
- *
- * Where the file says how springs rest, they exert a load of their own: it is given from then on,
- * along the room's axes unless it turns with the tool.
- */
-export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
-  const W = numbers?.result.wrench;
-  if (!mayBe || state.load !== null || !W) return {};
-  const at = state.load_at ?? [0, 0, 0];
-  const force = W.slice(3);
-  const moment = W.slice(0, 3).map((x, i) => x - cross(at, force)[i]);
-  const turns = state.load_kind === "follower";
-  const along = (v) => chop(turns ? v : times(rotation(numbers.result.pose), v), Math.hypot(...v));
-  const load = numbers.moved ? [...along(moment), ...along(force)] : [0, 0, 0, 0, 0, 0];
-  return { load, load_at: at, load_axes: turns ? "body" : "world" };
 }
 
 // What of a state decides its numbers, besides the posture; what else decides curves; how it is shown.

@@ -3,10 +3,11 @@
 import { CURVES, plotted } from "./curves.js";
 import { LOST, SUPERSEDED, button, byId, clamp, download, dropdown, el, short, tipIn, toast } from "./dom.js";
 import { heat } from "./heat.js";
+import { wayOf } from "./loads.js";
 import { PRINTED_AS_ZERO } from "./numerics.js";
 import { player } from "./player.js";
 import { CLOSER, Plot, isWhole, nearer } from "./plot.js";
-import { LETTER, PRINTED, drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
+import { LETTER, PRINTED, drawing, provenance, saveDrawing, svg, table } from "./plotfiles.js";
 import { askPrint } from "./print.js";
 import { curvesOf, inDegrees, inWords } from "./store.js";
 import { traceOf } from "./trace.js";
@@ -85,7 +86,7 @@ export function strip(store) {
     { class: `quiet ${which}`, hidden: true, title: "Go there" })]));
   const cursor = svg("line", { class: "cursor" });
   const trace = traceOf(store, () => drawWay());
-  byId("show-list").append(trace.node);
+  byId("show-list").append(trace.box);
   byId("strip").append(
     el("div.row", el("span.dim.along", "Along"), what, map.select, quantity, scale, again,
       whole, marks.worst, marks.best, label, save),
@@ -320,7 +321,7 @@ export function strip(store) {
 
   /** The way through the places of the series, in the picture. */
   function drawWay() {
-    if (series && trace.box.checked && !map.on()) trace.show(series.rows, now(), store.state.allowed);
+    if (series && trace.box.control.checked && !map.on()) trace.show(series.rows, now(), store.state.allowed);
     else if (store.trace) trace.show(null);
   }
 
@@ -453,7 +454,7 @@ export function strip(store) {
     plot.node.replaceChildren();
     again.hidden = true;
     nameEnds({});
-    trace.box.checked = Boolean(hello.trajectory);
+    trace.box.control.checked = Boolean(hello.trajectory);
     usual.of = "translation";
     replot();
   });
@@ -473,8 +474,7 @@ export function strip(store) {
   store.on("refused", () => plot.node.classList.toggle("stale", series !== null && series.key !== key()));
   /** Once a load acts, the question is how far it moves the point, unless something else was chosen. */
   function question() {
-    const { moved } = store.numbers;
-    const of = moved?.resisted && moved.displacement.some((x) => x) ? "deflection" : "translation";
+    const of = wayOf(store.numbers) ? "deflection" : "translation";
     if (of === usual.of) return;
     if (store.plot.of === usual.of) quantity.value = store.plot.of = of;
     usual.of = of;

@@ -2,7 +2,7 @@
 // named.
 
 import { bright, goodness, isOutside } from "./bright.js";
-import { el, engineering, hues, rgbs } from "./dom.js";
+import { checkbox, engineering, hues, rgbs } from "./dom.js";
 import { both } from "./shapes.js";
 
 // Thickness of the way, and of the ball at its worst place, over the mechanism's size.
@@ -26,7 +26,8 @@ function runsOf(rows) {
 export function traceOf(store, onchange) {
   const { THREE } = MeshCat;
   const group = new THREE.Group();
-  const box = el("input", { type: "checkbox", onchange });
+  const box = checkbox("Way along the plot", onchange,
+    { title: "The way of M along the plot, in the colours of its values" });
   let named = null; // the words at the worst place, and where that is
 
   /** A tube through places, each with its colour. */
@@ -99,7 +100,5 @@ export function traceOf(store, onchange) {
     if (group.parent !== place) place.add(group);
     store.pane.caption(["trace", "worst"], named);
   });
-  const node = el("label.check", { title: "The way of M along the plot, in the colours of its values" }, box,
-    "Way along the plot");
-  return { show, box, node };
+  return { show, box };
 }

@@ -1,7 +1,8 @@
 // What if one spring were stiffer? A slider for each, with how far the load moves the point then; the largest gain
 // comes first.
 
-import { button, byId, el, engineering, hint, short, typeset } from "./dom.js";
+import { button, el, engineering, folded, hint, short, typeset } from "./dom.js";
+import { wayOf } from "./loads.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { mechanicsOf } from "./store.js";
 
@@ -12,10 +13,8 @@ const MOST_SPRINGS = 10;
 export function whatIfCard(store) {
   const [said, list, all] = [el("span.dim.small", { role: "status" }), el("div.what-if"), el("p")];
   const reset = button("As in the file", () => store.change({ stiffness: null }), { class: "quiet" });
-  const card = el("details.card.what-if-card", { ontoggle: () => refresh() },
-    el("summary", el("h2", "What if?"), said), list, all,
+  const card = folded("what-if", "What if?", said, () => refresh(), list, all,
     hint("One spring is stiffer or softer; the others, posture and load stay. To first order."), reset);
-  byId("right").append(card);
   let rows = [];
   let ranked = null; // of which state the order and the displacement in the file are
   let first = null;
@@ -57,8 +56,7 @@ export function whatIfCard(store) {
 
   async function refresh() {
     if (!card.open || !store.numbers) return;
-    const { moved } = store.numbers;
-    const isMoved = moved?.resisted && moved.displacement.some((x) => x);
+    const isMoved = Boolean(wayOf(store.numbers));
     list.hidden = !isMoved;
     said.textContent = isMoved ? said.textContent : "needs a load that moves the point";
     all.textContent = "";
@@ -87,8 +85,7 @@ export function whatIfCard(store) {
     const found = await store.ask({ do: "stiffer", state, to: tried() });
     if (mine !== ranked) {
       const asFile = { do: "numbers", state: { ...state, stiffness: null } };
-      const { moved } = state.stiffness ? (await store.ask(asFile)).numbers : store.numbers;
-      first = Math.hypot(...moved.displacement);
+      first = wayOf(state.stiffness ? (await store.ask(asFile)).numbers : store.numbers);
       ranked = mine;
       rows = found.order.slice(0, MOST_SPRINGS).map(row);
       list.replaceChildren(...rows.map(({ node }) => node));
@@ -103,5 +100,4 @@ export function whatIfCard(store) {
   }
 
   store.on("numbers", refresh);
-  return card;
 }

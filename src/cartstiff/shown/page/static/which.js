@@ -3,11 +3,11 @@
 
 import { dot } from "./algebra.js";
 import { EXAMPLE } from "./deflection.js";
-import { byId, clamp, el, engineering, inSize, short, sure, typeset } from "./dom.js";
+import { clamp, el, engineering, folded, inSize, short, sure, typeset } from "./dom.js";
+import { givenLoad, loadWords } from "./loads.js";
 import { MOTION, MOTION_WORDS, WRENCH, WRENCH_WORDS } from "./matrix.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { differences } from "./principal.js";
-import { givenLoad } from "./store.js";
 
 // The others are compared with B, which is symmetric and exists wherever one of them does.
 const COMPARED_NAMES = ["A", "B", "K", "F"];
@@ -27,10 +27,8 @@ export function whichCard(store) {
     } });
   const said = el("span.dim.small", { role: "status" });
   const read = el("output.num");
-  const card = el("details.card.which-card", { ontoggle: () => update() },
-    el("summary", el("h2", "Which connection?"), said), take,
+  const card = folded("which", "Which connection?", said, () => update(), take,
     el("label.row", el("span", "load"), size, read), table, most, why, rest);
-  byId("right").append(card);
 
   // The load at which the slider is at 1: that which was given, or one to begin with.
   let base = null;
@@ -53,8 +51,7 @@ export function whichCard(store) {
       base = now.load.some((x) => x) ? now : { load: [0, 0, 0, 0, 0, -EXAMPLE], load_axes: "world", load_at: null };
       size.value = now.load.some((x) => x) ? 1 : 0;
     } else if (document.activeElement !== size) size.value = times;
-    const [m, f] = [0, 3].map((i) => Math.hypot(...now.load.slice(i, i + 3)));
-    read.textContent = f || !m ? engineering(f, store.unit("force"), 3) : engineering(m, store.unit("moment"), 3);
+    read.textContent = loadWords(store, { load: now.load, digits: 3 }) || engineering(0, store.unit("force"));
   }
 
   const units = (i, j) => store.blockUnits()[i < 3 ? 0 : 1][j < 3 ? 0 : 1];
@@ -156,5 +153,4 @@ export function whichCard(store) {
   }
 
   store.on("numbers", update);
-  return card;
 }

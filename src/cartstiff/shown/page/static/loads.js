@@ -1,0 +1,33 @@
+// Loads and what they do: where they act, what springs exert, in words.
+
+import { cross, rotation, times } from "./algebra.js";
+import { chop, engineering } from "./dom.js";
+
+/** The point in M at which the load acts. */
+export const actsAt = (state) => state.load_at ?? (state.load ? state.point : [0, 0, 0]);
+
+/** Another posture moves the drives and leaves the load: the patch of a state that says so.
+ *
+ * Where the file says how springs rest, they exert a load of their own: it is given from then on,
+ * along the room's axes unless it turns with the tool.
+ */
+export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
+  const W = numbers?.result.wrench;
+  if (!mayBe || state.load !== null || !W) return {};
+  const at = state.load_at ?? [0, 0, 0];
+  const force = W.slice(3);
+  const moment = W.slice(0, 3).map((x, i) => x - cross(at, force)[i]);
+  const turns = state.load_kind === "follower";
+  const along = (v) => chop(turns ? v : times(rotation(numbers.result.pose), v), Math.hypot(...v));
+  const load = numbers.moved ? [...along(moment), ...along(force)] : [0, 0, 0, 0, 0, 0];
+  return { load, load_at: at, load_axes: turns ? "body" : "world" };
+}
+
+/** How far a load that is resisted moves the point; null without one. */
+export const wayOf = ({ moved }) => (moved?.resisted ? Math.hypot(...moved.displacement) : null);
+
+/** Force and moment of a load, that of the shown numbers unless another is given, so many times: "100 N, 5 N m". */
+export function loadWords(store, { load = store.shown.load ?? store.numbers.result.wrench, digits = 4, times = 1 } = {}) {
+  return [["force", load.slice(3)], ["moment", load.slice(0, 3)]].map(([kind, v]) => [Math.hypot(...v), store.unit(kind)])
+    .filter(([x]) => x).map(([x, unit]) => engineering(times * x, unit, digits)).join(", ");
+}
