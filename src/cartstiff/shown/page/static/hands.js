@@ -252,7 +252,8 @@ export function hands(store) {
 
   function shift(way) {
     const d = toRoom(way, hold.toF).toArray();
-    store.reach({ pose: motion(rotation(hold.pose), place(hold.pose).map((x, i) => x + d[i])), turning: false });
+    store.reach({ towards: { pose: motion(rotation(hold.pose), place(hold.pose).map((x, i) => x + d[i])),
+      turning: false } });
   }
 
   function turn(angle, event) {
@@ -260,7 +261,7 @@ export function hands(store) {
     const by = steps ? Math.round(angle / steps) * steps : angle;
     const axis = toRoom(hold.along.clone(), hold.toF).normalize();
     const R = rotation(moving([...axis.multiplyScalar(by).toArray(), 0, 0, 0]));
-    store.reach({ pose: motion(product(R, rotation(hold.pose)), place(hold.pose)), turning: true });
+    store.reach({ towards: { pose: motion(product(R, rotation(hold.pose)), place(hold.pose)), turning: true } });
   }
 
   /** Force or moment by its arrow's head: direction and size, along its line or an axis where the hand passes one. */

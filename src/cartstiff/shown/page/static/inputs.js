@@ -3,7 +3,7 @@
 import { clamp, el, short, toast } from "./dom.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 
-const DEGREES = 180 / Math.PI;
+export const DEGREES = 180 / Math.PI;
 
 /**
  * Numbers in fields; calls back with all of them when one has changed. `blank` has a name and a value for those that

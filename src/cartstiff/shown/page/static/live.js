@@ -34,7 +34,8 @@ export class LiveSource {
     this.onalone = () => {};
     this.local = null; // the page's own arithmetic, once it is there
     this.alone = false; // whether it answers for the server
-    this.early = []; // what happened before there was a page to show it
+    /** There is a page to show what happens. */
+    this.ready = new Promise((done) => { this.begin = done; });
   }
 
   /** Have the arithmetic brought: it answers when the server has gone. */
@@ -75,9 +76,7 @@ export class LiveSource {
   /** Answer from now on, beginning with what has come already. */
   start() {
     if (!this.socket) this.connect();
-    const { early } = this;
-    this.early = null;
-    for (const act of early) act();
+    this.begin();
   }
 
   /** Have the server begin; its words are kept until `start`. */
@@ -86,14 +85,8 @@ export class LiveSource {
     this.socket.binaryType = "arraybuffer";
     this.whole = null; // of a large answer what has come, behind its size
     loaded(FILES);
-    this.socket.onmessage = ({ data }) => this.act(() => this.hear(data));
-    this.socket.onclose = ({ code }) => this.act(() => this.lose(code));
-  }
-
-  /** Do it, at the earliest when there is a page. */
-  act(what) {
-    if (this.early) this.early.push(what);
-    else what();
+    this.socket.onmessage = ({ data }) => this.ready.then(() => this.hear(data));
+    this.socket.onclose = ({ code }) => this.ready.then(() => this.lose(code));
   }
 
   /** The socket has closed: try again, unless that was wanted. */

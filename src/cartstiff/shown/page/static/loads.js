@@ -26,8 +26,9 @@ export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
 /** How far a load that is resisted moves the point; null without one. */
 export const wayOf = ({ moved }) => (moved?.resisted ? Math.hypot(...moved.displacement) : null);
 
-/** Force and moment of a load, that of the shown numbers unless another is given, so many times: "100 N, 5 N m". */
-export function loadWords(store, { load = store.shown.load ?? store.numbers.result.wrench, digits = 4, times = 1 } = {}) {
-  return [["force", load.slice(3)], ["moment", load.slice(0, 3)]].map(([kind, v]) => [Math.hypot(...v), store.unit(kind)])
-    .filter(([x]) => x).map(([x, unit]) => engineering(times * x, unit, digits)).join(", ");
+/** Force and moment of a load, that which is shown or another, so many times, in words: "100 N, 5 N m". */
+export function loadWords(store, { load = null, digits = 4, times = 1 } = {}) {
+  const acts = load ?? store.shown.load ?? store.numbers.result.wrench;
+  return [["force", acts.slice(3)], ["moment", acts.slice(0, 3)]].map(([kind, v]) => [Math.hypot(...v), kind])
+    .filter(([x]) => x).map(([x, kind]) => engineering(times * Number(x), store.unit(kind), digits)).join(", ");
 }

@@ -1,6 +1,6 @@
 // The picture: meshcat's viewer in a pane of ours.
 
-import { byId, hues, typeset } from "./dom.js";
+import { byId, clamp, hues, typeset } from "./dom.js";
 import { haunt, sharpen } from "./ghosts.js";
 import { arrange } from "./labels.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
@@ -102,9 +102,16 @@ export class Pane {
         .applyQuaternion(camera.quaternion));
     } else if (Array.isArray(wish)) {
       way.theta += wish[0];
-      way.phi = Math.max(POLE, Math.min(Math.PI - POLE, way.phi + wish[1]));
+      way.phi = clamp(way.phi + wish[1], POLE, Math.PI - POLE);
     } else way.radius /= wish;
-    camera.position.copy(controls.target).add(new THREE.Vector3().setFromSpherical(way));
+    this.stand(new THREE.Vector3().setFromSpherical(way).add(controls.target));
+  }
+
+  /** Stand at a place, and look at another. */
+  stand(eye, aim = this.viewer.controls.target) {
+    const { camera, controls } = this.viewer;
+    camera.position.copy(eye);
+    controls.target.copy(aim);
     controls.update();
     this.viewer.set_dirty();
   }
@@ -246,17 +253,12 @@ export class Pane {
   /** A new picture; seen from where the last one was, or from the preset of a first one. */
   reset(commands, bounds) {
     const { camera, controls } = this.viewer;
-    const [eye, target] = [camera.position.clone(), controls.target.clone()];
+    const before = [camera.position.clone(), controls.target.clone()];
     this.viewer.handle_command({ type: "delete", path: "/meshcat" });
     this.apply(commands);
-    if (this.seen) {
-      camera.position.copy(eye);
-      controls.target.copy(target);
-    } else {
-      this.look("iso", bounds);
-      this.first = String(this.view);
-    }
-    this.seen = true;
+    if (this.framed) return this.stand(...before);
+    this.look("iso", bounds);
+    this.first = String(this.view);
   }
 
   /** Look from a preset, or with "fit" from the present side, so that all between two corners is seen. */
@@ -266,35 +268,30 @@ export class Pane {
     const { clientWidth: width, clientHeight: height } = this.node;
     // The viewer's camera lives in a frame with y up.
     const up = ([x, y, z]) => [x, z, -y];
-    const middle = up(low.map((x, i) => (x + high[i]) / 2));
+    const middle = controls.target.clone().set(...up(low.map((x, i) => (x + high[i]) / 2)));
     const direction = preset === "fit" ? camera.position.clone().sub(controls.target)
       : camera.position.clone().set(...up(DIRECTIONS[preset]));
     const free = Math.max(0.3, (height - this.covered - this.above) / Math.max(1, height));
     const half = Math.tan((camera.fov * Math.PI) / 360) * Math.min(free, width / Math.max(1, height));
     const radius = Math.max(NEGLIGIBLE_DIFFERENCE, Math.hypot(...low.map((x, i) => high[i] - x)) / 2);
-    controls.target.set(...middle);
     const tangent = Math.tan((camera.fov * Math.PI) / 360);
     const sizes = [(tangent * width) / Math.max(1, height), tangent * free];
     const far = Math.max((FILLED * radius) / Math.sin(Math.atan(half)),
       farEnough(direction.normalize(), bounds, sizes.map((size) => ROOM * size), up));
-    camera.position.copy(controls.target).add(direction.multiplyScalar(far));
-    controls.update();
+    this.stand(direction.multiplyScalar(far).add(middle), middle);
     this.framed = { preset, bounds, view: String(this.view) };
-    this.viewer.set_dirty();
   }
 
   /** Look at other bounds from the present side where some of them would not be seen, or where they look small. */
   keepInView(bounds) {
     const { camera, controls } = this.viewer;
-    const before = [camera.position.clone(), controls.target.clone(), this.framed];
+    const [eye, aim, framed] = [camera.position.clone(), controls.target.clone(), this.framed];
     this.look("fit", bounds);
-    const [there, middle] = [camera.position.distanceTo(controls.target), controls.target.distanceTo(before[1])];
-    const here = before[0].distanceTo(before[1]);
-    if (Math.abs(Math.log(there / here)) > STAYS || middle > STAYS * there) return;
-    camera.position.copy(before[0]);
-    controls.target.copy(before[1]);
-    controls.update();
-    [, , this.framed] = before;
+    const there = camera.position.distanceTo(controls.target);
+    const isFar = Math.abs(Math.log(there / eye.distanceTo(aim))) > STAYS;
+    if (isFar || controls.target.distanceTo(aim) > STAYS * there) return;
+    this.stand(eye, aim);
+    this.framed = framed;
   }
 
   /** Where the camera is and what it looks at: six numbers. */
@@ -304,22 +301,14 @@ export class Pane {
   }
 
   set view(numbers) {
-    const { camera, controls } = this.viewer;
-    camera.position.fromArray(numbers);
-    controls.target.fromArray(numbers, 3);
-    controls.update();
-    this.viewer.set_dirty();
+    this.stand(...[0, 3].map((k) => new MeshCat.THREE.Vector3().fromArray(numbers, k)));
   }
 
   /** Look as another picture does, in units that are so many times its own. */
   seeAs({ viewer: { camera: eye, controls: aim } }, times) {
     const { camera, controls } = this.viewer;
-    if (camera.position.equals(eye.position.clone().multiplyScalar(times))
-      && controls.target.equals(aim.target.clone().multiplyScalar(times))) return;
-    camera.position.copy(eye.position).multiplyScalar(times);
-    controls.target.copy(aim.target).multiplyScalar(times);
-    controls.update();
-    this.viewer.set_dirty();
+    const wished = [eye.position, aim.target].map((one) => one.clone().multiplyScalar(times));
+    if (!camera.position.equals(wished[0]) || !controls.target.equals(wished[1])) this.stand(...wished);
   }
 
   /** The picture on a canvas, so many times as fine; without a ground on request. */

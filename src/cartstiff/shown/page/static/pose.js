@@ -1,8 +1,8 @@
 // Sliders and numbers of the coordinates, a platform's legs, the pose of the tool.
 
-import { angles } from "./algebra.js";
+import { angles, motion, moving, product, rotation } from "./algebra.js";
 import { button, card, chop, clamp, el, hint, short, tabs, toast } from "./dom.js";
-import { fields, sliderRow } from "./inputs.js";
+import { DEGREES, fields, sliderRow } from "./inputs.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 
 // From so many sliders on there is a field to find one.
@@ -190,21 +190,19 @@ function toolPanel(store, node, note, offer) {
     const digits = (x) => Number(x.toPrecision(6));
     rows[0].set(chop(numbers.position, numbers.singularity[0]?.length).map(digits));
     rows[1].set(angles(numbers.result.pose)
-      .map((x) => digits((Math.abs(x) < NEGLIGIBLE_DIFFERENCE ? 0 : x) * (180 / Math.PI))));
+      .map((x) => digits((Math.abs(x) < NEGLIGIBLE_DIFFERENCE ? 0 : x) * DEGREES)));
     const away = followed && !followed.reached;
     note.textContent = away ? `not reached${followed.stopped.length ? `: ${followed.stopped.join(", ")}` : ""}` : "";
   });
 
   function go() {
-    const [position, angles] = rows.map(({ node: row }) =>
+    const [position, turns] = rows.map(({ node: row }) =>
       [...row.querySelectorAll("input")].map((input) => input.valueAsNumber));
-    if (![...position, ...angles].every(Number.isFinite)) return;
-    const [[a, b, c], [d, e, f]] = [angles.map((x) => Math.cos((x * Math.PI) / 180)),
-      angles.map((x) => Math.sin((x * Math.PI) / 180))];
-    // Rz(yaw) Ry(pitch) Rx(roll)
-    const R = [[c * b, c * e * d - f * a, c * e * a + f * d], [f * b, f * e * d + c * a, f * e * a - c * d],
-      [-e, b * d, b * a]];
+    if (![...position, ...turns].every(Number.isFinite)) return;
+    const [roll, pitch, yaw] = turns.map((x, i) => rotation(moving([0, 1, 2].map((k) => (k === i ? x / DEGREES : 0))
+      .concat([0, 0, 0]))));
+    const R = product(yaw, product(pitch, roll));
     store.remember("pose");
-    store.reach({ pose: [...R.map((row, i) => [...row, position[i]]), [0, 0, 0, 1]], turning: true });
+    store.reach({ towards: { pose: motion(R, position), turning: true } });
   }
 }

@@ -33,7 +33,7 @@ export class Store extends EventTarget {
     this.wanted = false;
     this.number = 1;
     this.waiting = new Map();
-    this.towards = null; // {pose, turning} of a hand, or {lengths} of legs
+    this.towards = null; // {towards: {pose, turning}} of a hand, or {lengths} of legs
     this.past = [];
     this.future = [];
     this.lastTime = 0; // of a step
@@ -73,13 +73,8 @@ export class Store extends EventTarget {
     return { state: structuredClone(this.state), kept, angle, plot: { ...plot }, frame };
   }
 
-  undo() {
-    this.travel(this.past, this.future);
-  }
-
-  redo() {
-    this.travel(this.future, this.past);
-  }
+  undo = () => this.travel(this.past, this.future);
+  redo = () => this.travel(this.future, this.past);
 
   async travel(from, to) {
     if (!from.length || !this.state) return;
@@ -168,10 +163,8 @@ export class Store extends EventTarget {
       return;
     }
     this.wanted = false;
-    const { towards } = this;
     /** @type {Messages.Message} */
-    const question = { do: "draw", id: this.number, state: structuredClone(this.state),
-      ...(towards?.lengths ? towards : towards ? { towards } : {}) };
+    const question = { do: "draw", id: this.number, state: structuredClone(this.state), ...this.towards };
     this.busy = this.number++;
     this.sent = question.state;
     this.towards = null;
@@ -271,14 +264,8 @@ export class Store extends EventTarget {
     this.inTime();
     // A closed chain has been assembled: its other coordinates, and without newer wishes all.
     // Commands of drives are added to the coordinates that they had before, "q" of the numbers.
-    const before = numbers.q ?? numbers.result.q;
-    if (!this.wanted || this.towards) this.state.q = before.slice();
-    else {
-      const moved = new Set(this.hello.mechanism.sliders);
-      const q = before.slice();
-      for (const i of moved) q[i] = this.state.q[i];
-      this.state.q = q;
-    }
+    const wished = this.wanted && !this.towards ? this.hello.mechanism.sliders : [];
+    this.state.q = this.ownQ.map((x, i) => (wished.includes(i) ? this.state.q[i] : x));
     this.tell("numbers", data);
     this.say("table", data.id);
     this.pane.apply(commands, () => this.say("rendered", data.id));
@@ -332,6 +319,11 @@ export class Store extends EventTarget {
     this.waiting.clear();
   }
 
+  /** Coordinates of the shown numbers, before drives were commanded elsewhere. */
+  get ownQ() {
+    return this.numbers.q ?? this.numbers.result.q;
+  }
+
   get freeNumber() {
     return [1, 2, 3].find((n) => !this.kept.some((one) => one.number === n));
   }
@@ -340,7 +332,7 @@ export class Store extends EventTarget {
   keep() {
     const number = this.freeNumber;
     if (number && this.numbers) this.setKept([...this.kept,
-      { number, state: { ...structuredClone(this.shown), q: (this.numbers.q ?? this.numbers.result.q).slice() } }]);
+      { number, state: { ...structuredClone(this.shown), q: this.ownQ.slice() } }]);
   }
 
   /** The states that are kept; the first is drawn pale. */
@@ -382,13 +374,9 @@ export class Store extends EventTarget {
   /** Sizes of which the page's one unit of each quantity is: displacements, stiffnesses, as they are shown. */
   get sizes() {
     const { moved, principal } = this.numbers ?? {};
-    const least = (kind) => {
-      const found = principal?.[kind].values.map(Math.abs).filter((x) => x > 0) ?? [];
-      return found.length ? Math.min(...found) : undefined;
-    };
-    const way = moved ? Math.hypot(...moved.displacement) : 0;
-    return { displacement: way || undefined, deflection: way || undefined, translation: least("translation"),
-      rotation: least("rotation") };
+    const least = (kind) => principal?.[kind].values.map(Math.abs).filter((x) => x > 0).sort((a, b) => a - b)[0];
+    const way = moved && Math.hypot(...moved.displacement) || undefined;
+    return { displacement: way, deflection: way, translation: least("translation"), rotation: least("rotation") };
   }
 
   /** Units of the four blocks [[rr, rt], [tr, tt]]. */
