@@ -130,6 +130,10 @@ export const chop = (list, size = 0) => {
 
 export const clamp = (x, low, high) => Math.min(high, Math.max(low, x));
 
+/** So many numbers from one to another, at equal distances. */
+export const evenly = (low, high, count) => Array.from({ length: count },
+  (_, k) => low + ((high - low) * k) / (count - 1));
+
 /** Give the user a file. */
 export function download(name, content, type = "text/plain") {
   const blob = content instanceof Blob ? content : new Blob([content], { type });

@@ -1,9 +1,9 @@
 // A quantity over two coordinates, as colours: sweeps of the first, one for each value of the second.
 
 import { bright, goodness, isOutside } from "./bright.js";
-import { ARROWS, clamp, download, dropdown, engineering, short } from "./dom.js";
+import { ARROWS, clamp, dropdown, engineering, evenly, short } from "./dom.js";
 import { Plot, isWhole, nearer } from "./plot.js";
-import { drawing, provenance, saveDrawing, svg, table } from "./plotfiles.js";
+import { provenance, savePlot, svg } from "./plotfiles.js";
 import { curvesOf, inWords } from "./store.js";
 
 // Values of the second coordinate, and steps of each sweep: of a whole turn 7.5 degrees each; an even
@@ -48,13 +48,8 @@ export function heat(store, what) {
     what.toggle(on());
   }
 
-  /** What the values depend on, besides the coordinates that run. */
-  function wanted() {
-    const state = { ...store.state, ...store.given() };
-    const rest = store.hello.mechanism.sliders.filter((i) => i !== what.along() && i !== second())
-      .map((i) => state.q[i]);
-    return JSON.stringify([curvesOf(state), what.along(), second(), rest]);
-  }
+  /** What the values depend on. */
+  const wanted = () => JSON.stringify([what.along(), second(), curvesOf(store, [what.along(), second()])]);
 
   /** Whether all values are here, and of what is shown. */
   const current = () => map !== null && map.rows.every(Boolean) && map.key === wanted();
@@ -70,9 +65,8 @@ export function heat(store, what) {
   async function compute(key) {
     asked = key;
     const [i, j] = [what.along(), second()];
-    const [xs, ys] = [i, j].map((one) => coordinate(one).swept)
-      .map(([low, high]) => Array.from({ length: CELLS }, (_, k) => low + ((high - low) * k) / (CELLS - 1)));
-    const from = structuredClone({ ...store.state, ...store.given() });
+    const [xs, ys] = [i, j].map((one) => evenly(...coordinate(one).swept, CELLS));
+    const from = store.onTheWay();
     const found = { key, state: from, first: i, second: j, ys, xs, rows: ys.map(() => null) };
     for (const k of ORDER) {
       const state = { ...from, q: from.q.with(j, ys[k]), moved: j };
@@ -149,10 +143,7 @@ export function heat(store, what) {
     const ends = { worst, best };
     what.tell(Object.fromEntries(Object.entries(ends).map(([name, row]) => {
       const place = placeOf(row);
-      const [across, up] = [x.place(place[0]), y.place(place[1])];
-      const d = `M${across},${up}${name === "worst" ? "l-5,-9h10z" : "l-5,9h10z"}`;
-      if (across >= x.start && across <= x.end && up <= y.start && up >= y.end) plot.add("path",
-        { class: `flag ${name}`, d });
+      plot.flag(x, y, [x.place(place[0]), y.place(place[1])], name, name === "worst");
       const where = [map.first, map.second].map((i, k) => `${coordinate(i).name} ${inWords(store, i, place[k], 3)}`);
       return [name, { value: value(row), unit: found.unit, where: where.join(", "), go: () => go(place) }];
     })));
@@ -267,16 +258,16 @@ export function heat(store, what) {
     const all = told();
     const { title, unit, one } = all;
     const [first, second] = [map.first, map.second].map(coordinate);
-    const lines = provenance(store, map.state, `${title} [${unit}] along ${first.name} and ${second.name}`);
-    if (kind !== "csv") return saveDrawing(kind, name, drawing(plot, lines,
-      ["colours as in the bar, bright is good; grey: no value, or one that is not above zero; red and green marks: the "
-        + "worst and the best; ring: the posture"], kind));
-    const head = [first, second].map((one) => `${one.name} [${one.unit}]`);
-    const rows = map.ys.flatMap((y, j) => map.xs.map((x, i) => {
-      const value = one(map.rows[j][i]);
-      return [x, y, value, value === null ? why(all, map.rows[j][i]) : null];
-    }));
-    download(`${name}.csv`, table(lines, [...head, `value [${unit}]`, "why there is no value"], rows), "text/csv");
+    savePlot(kind, name, plot, {
+      lines: provenance(store, map.state, `${title} [${unit}] along ${first.name} and ${second.name}`),
+      legend: ["colours as in the bar, bright is good; grey: no value, or one that is not above zero; red and green "
+        + "marks: the worst and the best; ring: the posture"],
+      names: [...[first, second].map((each) => `${each.name} [${each.unit}]`), `value [${unit}]`],
+      rows: map.ys.flatMap((y, j) => map.xs.map((x, i) => {
+        const value = one(map.rows[j][i]);
+        return [x, y, value, value === null ? why(all, map.rows[j][i]) : null];
+      })),
+    });
   }
 
   store.on("hello", ({ mechanism: { sliders } }) => {

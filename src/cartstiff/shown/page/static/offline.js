@@ -3,7 +3,7 @@
 
 import { back, inverse, place, product, rotation, times, transposed } from "./algebra.js";
 import { rowOf } from "./curves.js";
-import { clamp } from "./dom.js";
+import { clamp, evenly } from "./dom.js";
 import { Drawing } from "./drawing.js";
 import { NOT_CLOSED } from "./formulas.js";
 import { NEAR_SINGULARITY, NEGLIGIBLE_DIFFERENCE, ROUNDOFF } from "./numerics.js";
@@ -176,7 +176,7 @@ export class ComputingSource extends FileSource {
 
   sweep(coordinate, state) {
     const { swept: [lower, upper] } = this.data.hello.mechanism.coordinates[coordinate];
-    const at = Array.from({ length: STEPS }, (_, k) => lower + ((upper - lower) * k) / (STEPS - 1));
+    const at = evenly(lower, upper, STEPS);
     return { seconds: 0, coordinate, at, rows: this.rows(coordinate, at, state) };
   }
 }

@@ -1,7 +1,8 @@
 // Point at a part of the picture: what it is and its number; click: its row is lit.
 
-import { byId, engineering, reveal, short, tipIn, toast, tuple } from "./dom.js";
+import { all, byId, engineering, reveal, short, tipIn, toast, tuple } from "./dom.js";
 import { pathOf } from "./labels.js";
+import { wayOf } from "./loads.js";
 import { inWords } from "./store.js";
 
 // A press that moved less than this (dots) is a click.
@@ -196,27 +197,26 @@ export function words(store, what) {
     return leg ? `${name}: ${engineering(leg.length, store.unit("length"))}, tension ${engineering(leg.tension,
       store.unit("force"))}${share(name)}` : name;
   }
-  if (what.kind === "deflection") return `moved by ${engineering(Math.hypot(...(numbers.moved?.displacement ?? [0])),
-    store.unit("length"))} under the load`;
-  const part = what.kind === "moment" ? numbers.wrench?.slice(0, 3) : numbers.wrench?.slice(3);
-  return part ? `load: ${engineering(Math.hypot(...part),
-    store.unit(what.kind === "moment" ? "moment" : "force"))} ${tuple(part)}` : "load";
+  if (what.kind === "deflection") return `moved by ${engineering(wayOf(numbers) ?? 0, store.unit("length"))} under the `
+    + "load";
+  const [kind, first] = what.kind === "moment" ? ["moment", 0] : ["force", 3];
+  const part = numbers.wrench?.slice(first, first + 3);
+  return part ? `load: ${engineering(Math.hypot(...part), store.unit(kind))} ${tuple(part)}` : "load";
 }
 
 /** Show where a part's numbers stand. */
 function lightRow(store, what) {
-  const row = {
-    ellipsoid: () => document.querySelector(`[data-row-of="${what.freedom}"]`),
-    axis: () => document.querySelector(`[data-row-of="${what.freedom}"]`)?.querySelectorAll("td")[what.index],
-    joint: () => byId(`slider-${what.index}`)?.closest(".slider"),
-    leg: () => document.querySelectorAll(".leg")[what.index + 1],
-    load: () => document.querySelector(".moved-card"),
-    moment: () => document.querySelector(".moved-card"),
-    deflection: () => document.querySelector(".moved-card"),
-  }[what.kind]();
+  const { kind, index, freedom } = what;
+  const rows = {
+    ellipsoid: () => all(`[data-row-of="${freedom}"]`)[0],
+    axis: () => all(`[data-row-of="${freedom}"] td`)[index],
+    joint: () => byId(`slider-${index}`)?.closest(".slider"),
+    leg: () => all(".leg")[index + 1],
+  };
+  const row = kind in rows ? rows[kind]() : all(".moved-card")[0];
   if (!row) return;
   reveal(row);
-  for (const other of document.querySelectorAll(".lit")) other.classList.remove("lit");
+  for (const other of all(".lit")) other.classList.remove("lit");
   row.classList.add("lit");
   setTimeout(() => row.classList.remove("lit"), LIT);
 }

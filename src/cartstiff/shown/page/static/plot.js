@@ -144,6 +144,12 @@ export class Plot {
     return [clientX - left, clientY - top];
   }
 
+  /** Flag a place, from above or from below; not beyond the axes. */
+  flag(x, y, /** @type {number[]} */ [across, up], kind = "", isAbove = true) {
+    if (across >= x.start && across <= x.end && up <= y.start && up >= y.end) this.add("path",
+      { class: `flag ${kind}`, d: `M${across},${up}l-5,${isAbove ? "-9h10z" : "9h10z"}` });
+  }
+
   /** Called with how many times nearer the wheel goes; answers whether there is something to see. */
   onwheel(zoom) {
     this.node.addEventListener("wheel", (event) => {

@@ -100,7 +100,7 @@ export function sheet(copy, { width, height, ink, paper, kind = "svg" }, words) 
 }
 
 /** A plot on the page as a drawing of its own, what it shows below; in print it is laid out for the width on paper. */
-export function drawing(plot, lines, legend, kind = "svg") {
+function drawing(plot, lines, legend, kind) {
   const { node: shown, width: wide, height: high } = plot;
   const width = printed(kind) ? Math.max(LEAST_WIDTH, (ROW * printed(kind)) / PRINTED_ROW) : wide;
   const height = high * Math.max(1, width / wide);
@@ -133,6 +133,12 @@ export function table(lines, names, rows) {
   const cell = (x) => (x === null || x === undefined ? "" : typeof x === "string" ? words(x) : String(x));
   return [...lines.map((line) => `# ${safeCell(line)}`), names.map(words).join(","),
     ...rows.map((row) => row.map(cell).join(","))].join("\n") + "\n";
+}
+
+/** A plot as a file of a kind: its rows under names, with why a value is missing, or what is drawn. */
+export function savePlot(kind, name, plot, { lines, legend, names, rows }) {
+  if (kind !== "csv") return saveDrawing(kind, name, drawing(plot, lines, legend, kind));
+  download(`${name}.csv`, table(lines, [...names, "why there is no value"], rows), "text/csv");
 }
 
 export async function saveDrawing(kind, name, { text, width, height }) {

@@ -121,6 +121,11 @@ export class Store extends EventTarget {
       ? givenLoad(this.state, this.numbers, this.hello.mechanism) : {};
   }
 
+  /** The state from which curves begin. */
+  onTheWay() {
+    return structuredClone({ ...this.state, ...this.given() });
+  }
+
   /** What computes in the browser, if anything does. */
   get local() {
     return this.source.program ? this.source : this.source.local;
@@ -393,7 +398,12 @@ const CURVED = [...MECHANICS, "connection", "quantity", "others", "axes"];
 const SEEN = ["theme", "translation", "rotation", "scale", "labels", "wrench", "deflection", "drawn", "enlarged",
   "centres", "held_forces", "connection", "others", "mode"];
 export const mechanicsOf = (state) => MECHANICS.map((key) => state[key]);
-export const curvesOf = (state) => CURVED.map((key) => state[key]);
+/** What curves along some coordinates depend on; with null along all of them. */
+export function curvesOf(store, running) {
+  const state = { ...store.state, ...store.given() };
+  const rest = running ? store.hello.mechanism.sliders.filter((i) => !running.includes(i)) : [];
+  return [CURVED.map((key) => state[key]), rest.map((i) => state.q[i])];
+}
 
 /** Whether a coordinate is read in degrees. */
 export const inDegrees = ({ angle }, coordinate) => !coordinate.is_length && angle === "deg";

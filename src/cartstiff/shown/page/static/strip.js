@@ -1,13 +1,13 @@
 // A quantity along a sweep of one coordinate or along a trajectory, with a linked cursor.
 
 import { CURVES, plotted } from "./curves.js";
-import { LOST, SUPERSEDED, button, byId, clamp, download, dropdown, el, short, tipIn, toast } from "./dom.js";
+import { LOST, SUPERSEDED, button, byId, clamp, dropdown, el, short, tipIn, toast } from "./dom.js";
 import { heat } from "./heat.js";
 import { wayOf } from "./loads.js";
 import { PRINTED_AS_ZERO } from "./numerics.js";
 import { player } from "./player.js";
 import { CLOSER, Plot, isWhole, nearer } from "./plot.js";
-import { LETTER, PRINTED, drawing, provenance, saveDrawing, svg, table } from "./plotfiles.js";
+import { LETTER, PRINTED, provenance, savePlot, svg } from "./plotfiles.js";
 import { askPrint } from "./print.js";
 import { curvesOf, inDegrees, inWords } from "./store.js";
 import { traceOf } from "./trace.js";
@@ -163,18 +163,14 @@ export function strip(store) {
 
   function keepCurves(kind, name) {
     const { title, lines: names, unit, values, legend, why } = now();
-    const lines = provenance(store, series.state, `${title} [${unit}] along ${along()}`);
-    if (kind === "csv") {
-      const first = isSweep() ? `${along()} [${coordinate().unit}]` : store.hello.trajectory.timed ? "time [s]"
-        : "posture";
-      const rows = series.at.map((x, k) => (values(series.rows[k]) ? [x, ...values(series.rows[k]), null]
-        : [x, ...names.map(() => null), why(series.rows[k])]));
-      return download(`${name}.csv`,
-        table(lines, [first, ...names.map((word) => `${word} [${unit}]`), "why there is no value"], rows), "text/csv");
-    }
+    const first = isSweep() ? `${along()} [${coordinate().unit}]`
+      : store.hello.trajectory.timed ? "time [s]" : "posture";
     if (series.others.length) legend.push(`dash-dot, with a name: ${names[0]} of ${series.others.map(({ called }) =>
       called).join(", ")}`);
-    saveDrawing(kind, name, drawing(plot, lines, legend, kind));
+    savePlot(kind, name, plot, { legend, names: [first, ...names.map((word) => `${word} [${unit}]`)],
+      lines: provenance(store, series.state, `${title} [${unit}] along ${along()}`),
+      rows: series.at.map((x, k) => (values(series.rows[k]) ? [x, ...values(series.rows[k]), null]
+        : [x, ...names.map(() => null), why(series.rows[k])])) });
   }
 
   const all = () => [series.at[0], series.at.at(-1)];
@@ -212,12 +208,10 @@ export function strip(store) {
 
   /** What the curves depend on, besides the coordinate that runs. */
   function key() {
-    const state = { ...store.state, ...store.given() };
     const [kind, index] = what.value.split(":");
-    const rows = kind === "series" ? [] : store.rows.map((row) => [row.title, row.kept?.state]);
-    const others = kind === "series" ? [] : store.hello.mechanism.sliders.filter((i) => i !== Number(index))
-      .map((i) => state.q[i]);
-    return JSON.stringify([what.value, rows, others, curvesOf(state)]);
+    const isSeries = kind === "series";
+    const rows = isSeries ? [] : store.rows.map((row) => [row.title, row.kept?.state]);
+    return JSON.stringify([what.value, rows, curvesOf(store, isSeries ? null : [Number(index)])]);
   }
 
   function request(now = false) {
@@ -237,7 +231,7 @@ export function strip(store) {
   }
 
   async function compute(wanted) {
-    const state = structuredClone({ ...store.state, ...store.given() });
+    const state = store.onTheWay();
     const own = asked = { wanted }; // asked for again after something else, it is another question
     const swept = what.value.startsWith("sweep") ? Number(what.value.slice(6)) : null;
     const question = swept === null ? { do: "series", state } : { do: "sweep", coordinate: swept, steps: 61, state };
@@ -388,9 +382,7 @@ export function strip(store) {
     const row = rows.reduce((a, b) => (sign * (one(b) - one(a)) > 0 ? b : a));
     const at = series.rows.indexOf(row);
     nameEnds({ worst: { value: one(row), unit, place: atText(series.at[at]), go: () => go(at) } });
-    const [across, up] = [x.place(series.at[at]), clamp(y.place(to(one(row))), y.end, y.start)];
-    if (across >= x.start && across <= x.end && Number.isFinite(up)) plot.add("path",
-      { class: "flag", d: `M${across},${up}l-5,-9h10z` });
+    plot.flag(x, y, [x.place(series.at[at]), clamp(y.place(to(one(row))), y.end, y.start)]);
   }
 
   /** Say the ends of what is plotted, and go there on a click. */
@@ -410,27 +402,28 @@ export function strip(store) {
   function allowedLine(x, y, to) {
     const { allowed } = store.state;
     if (!allowed) return;
-    series.rows.forEach(({ deflection }, i) => {
-      if (!(deflection?.[0] > allowed)) return;
-      const [from, end] = [i - 1, i + 1].map((j) => x.place(clamp((series.at[i] + series.at[clamp(j, 0,
-        series.at.length - 1)]) / 2, x.low, x.high)));
-      plot.band(from, end - from, { class: "gap outside" });
-    });
+    series.rows.forEach(({ deflection }, i) => { if (deflection?.[0] > allowed) ground(x, i, "gap outside"); });
     if (store.plot.of !== "deflection") return;
     const up = y.place(to(now().read(allowed)));
     if (up >= y.end && up <= y.start) plot.add("line", { class: "allowed", x1: x.start, x2: x.end, y1: up, y2: up });
   }
 
+  /** Colour the ground of a place, half the way to its neighbours; returns its ends. */
+  function ground(x, i, kind) {
+    const { at } = series;
+    const [from, to] = [i - 1, i + 1].map((j) =>
+      x.place(clamp((at[i] + at[clamp(j, 0, at.length - 1)]) / 2, x.low, x.high)));
+    plot.band(from, to - from, { class: kind });
+    return [from, to];
+  }
+
   /** Mark the ground where nothing exists, with the reason, or a value is negative. */
   function gaps(x, valuesOf, why) {
-    const { at, rows } = series;
-    const between = (a, b) => x.place(clamp((at[a] + at[clamp(b, 0, at.length - 1)]) / 2, x.low, x.high));
     const stretches = [];
-    rows.forEach((row, i) => {
+    series.rows.forEach((row, i) => {
       const values = valuesOf(row);
       if (values && !(values[0] < -PRINTED_AS_ZERO * Math.max(...values.map(Math.abs)))) return;
-      const [from, to] = [between(i, i - 1), between(i, i + 1)];
-      plot.band(from, to - from, { class: values ? "gap negative" : "gap" });
+      const [from, to] = ground(x, i, values ? "gap negative" : "gap");
       if (values) return;
       const [before, reason] = [stretches.at(-1), gapWords(row, why)];
       if (before?.end === i - 1 && before.reason === reason) Object.assign(before, { end: i, to });

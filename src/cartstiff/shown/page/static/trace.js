@@ -2,7 +2,7 @@
 // named.
 
 import { bright, goodness, isOutside } from "./bright.js";
-import { checkbox, engineering, hues, rgbs } from "./dom.js";
+import { checkbox, engineering, evenly, hues, rgbs } from "./dom.js";
 import { both } from "./shapes.js";
 
 // Thickness of the way, and of the ball at its worst place, over the mechanism's size.
@@ -88,10 +88,9 @@ export function traceOf(store, onchange) {
       return { label, count: rows.length, kinds: [{ name: `within ${limit}`, count: inside.length, colour: light },
         { name: `beyond ${limit}`, count: outside.length, colour: dark }] };
     }
-    const shares = Array.from({ length: WAY_STOPS }, (_, k) => k / (WAY_STOPS - 1));
-    const isUp = value(best) >= value(worst);
+    const ends = value(best) >= value(worst) ? [0, 1] : [1, 0];
     return { label, better: true, unit: found.unit === "1" ? "" : found.unit, lower: low, upper: high, log: isLog,
-      stops: colours(isUp ? shares : shares.toReversed()) };
+      stops: colours(evenly(...ends, WAY_STOPS)) };
   }
 
   // A new picture begins without it.
