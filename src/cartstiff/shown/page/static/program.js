@@ -1,12 +1,51 @@
 // Answers without a server: formulas, the numbers that are read from them, and here notes, verdict and doubts.
 
-import { eigen, general, largest, place, product, scaled, transposed } from "./algebra.js";
+import { eigen, general, identity, largest, motion, place, product, rotation, scaled, symmetric,
+  transposed } from "./algebra.js";
 import { engineering } from "./dom.js";
 import { LIMIT_SLACK, NEAR_SINGULARITY, NEGLIGIBLE_DIFFERENCE, SYMMETRY, ZERO_SHARE } from "./numerics.js";
-import { asymmetry, inFrame, turnsBy } from "./principal.js";
+import { asymmetry, inFrame, principalValues, softest, turnsBy } from "./principal.js";
 import { Readings } from "./readings.js";
 
 export class Program extends Readings {
+  /** As `cartstiff.shown.page.shown.shown_numbers`. */
+  numbers(state, m = this.solve(state)) {
+    const T = state.axes === "body" && !state.point.some((x) => x) ? null
+      : motion(state.axes === "body" ? identity(3) : transposed(rotation(m.pose)), state.point);
+    const here = inFrame(m, T);
+    const shown = here[state.quantity];
+    const K = here.stiffness[state.connection] && symmetric(here.stiffness[state.connection]);
+    const indices = K && this.indices(K);
+    const own = Object.keys(this.data.own ?? {});
+    const asymmetries = Object.fromEntries(Object.entries(shown).map(([name, M]) => [name, M && asymmetry(M)]));
+    const notes = this.notes(m, state);
+    const found = softest(here);
+    return {
+      q: m.straight, result: this.part(m, state.quantity, notes), has_compliance: true, position: place(m.pose),
+      frame: T, stiffness: null, compliance: null, wrench: here.wrench, principal: principalValues(here, state),
+      indices, symmetric: { ...asymmetries, "+": asymmetries.A }, singularity: this.distance(m), legs: this.legs(m),
+      moved: this.moved(m, state),
+      modes: state.mode === null ? null : { missing: "Modes are computed by `cartstiff view`." },
+      softest: found && { ...found, which: this.which(found.direction, true) },
+      verdict: this.verdict(indices?.definiteness, notes, state, m), doubts: this.doubts(notes, state),
+      ...(own.length ? { own: Object.fromEntries(own.map((name) => [name, shown[name]])) } : {}),
+      ...(T ? { [state.quantity]: Object.fromEntries(Object.entries(shown).filter(([name]) => name !== "+")) } : {}),
+    };
+  }
+
+  /** What `cartstiff analyse --json` prints. */
+  result(state) {
+    const m = this.solve(state);
+    /** @type {any} */
+    const found = { ...this.data.base, ...this.part(m, "stiffness", this.notes(m, state)), jacobian: m.jacobian ?? null,
+      compliance: this.matrices(m.C) };
+    delete found.stored_energy; // gravity's part is not told apart here
+    if (found.legs) found.legs = this.drives(m, found.legs);
+    if (found.forces) found.forces = this.forces(m);
+    if (found.task_axes) found.task_axes = this.taskAxes(m, found.task_axes);
+    return found;
+  }
+
   notes(m, state) {
     const { data } = this;
     const notes = data.notes.flatMap((note) => (note.code === "stiffness-assumed" ? this.stillAssumed(note, state)
@@ -60,10 +99,9 @@ export class Program extends Readings {
   }
 
   /** The note on assumed stiffnesses without springs that were replaced, as `cartstiff.core.notes.still_assumed`. */
-  stillAssumed(note, { stiffness }) {
-    const { names, shared, some_assumed: words } = this.data;
-    const replaced = (name) => stiffness && stiffness[names.indexOf(name)] !== shared.stiffness[names.indexOf(name)];
-    const joints = note.values.joints.filter((name) => !replaced(name));
+  stillAssumed(note, state) {
+    const { some_assumed: words } = this.data;
+    const joints = note.values.joints.filter((name) => !this.isReplaced(name, state));
     if (joints.length === note.values.joints.length) return [note];
     return joints.length ? [{ ...note, message: words.replace("{}", joints.join(", ")),
       values: { ...note.values, joints } }] : [];
@@ -183,12 +221,17 @@ export class Program extends Readings {
   }
 
   /** Codes of the notes that cast doubt, as `cartstiff.answer.doubts.doubts_of`. */
-  doubts(notes, { stiffness }) {
-    const { names, shared, illustrative: { springs, always }, words: { weights } } = this.data;
-    const replaced = (name) => stiffness && stiffness[names.indexOf(name)] !== shared.stiffness[names.indexOf(name)];
-    const remains = always || !springs.every(replaced);
+  doubts(notes, state) {
+    const { illustrative: { springs, always }, words: { weights } } = this.data;
+    const remains = always || !springs.every((name) => this.isReplaced(name, state));
     const codes = [...notes.map(({ code }) => code), ...(remains ? ["springs-illustrative"] : [])];
     return codes.filter((code) => weights.includes(code)).toSorted((a, b) => weights.indexOf(a) - weights.indexOf(b));
+  }
+
+  /** Whether a state has another spring than the file. */
+  isReplaced(name, { stiffness }) {
+    const i = this.data.names.indexOf(name);
+    return stiffness && stiffness[i] !== this.data.shared.stiffness[i];
   }
 }
 

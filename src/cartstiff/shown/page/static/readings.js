@@ -1,11 +1,11 @@
 // The numbers of a posture that the page shows, as `cartstiff.shown.page.shown` has them, from its formulas.
 
-import { adjoint, block, congruence, cross, dot, eigen, identity, inverse, largest, motion, place, plus, product,
-  rotation, scaled, scaledInverse, symmetric, times, transposed } from "./algebra.js";
+import { adjoint, block, congruence, cross, dot, eigen, identity, inverse, largest, motion, plus, product, rotation,
+  scaled, scaledInverse, times, transposed } from "./algebra.js";
 import { Formulas, rows } from "./formulas.js";
 import { wayOf } from "./loads.js";
 import { PRINTED_AS_ZERO, ROUNDOFF, STALLED_RESIDUAL, ZERO_SHARE } from "./numerics.js";
-import { asymmetry, definiteness, inFrame, principalValues, softest, turnsBy } from "./principal.js";
+import { definiteness, turnsBy } from "./principal.js";
 import { directionWords } from "./words.js";
 
 // Decimal places up to which shares are compared.
@@ -16,45 +16,6 @@ const TWIST = ["rx", "ry", "rz", "x", "y", "z"];
 const turnOf = (names) => `r${["x", "y", "z"].find((axis) => !names.includes(axis))}`;
 
 export class Readings extends Formulas {
-  // -- of `Program`, which says what is noteworthy
-
-  /** @returns {any[]} */
-  notes(_m, _state) { return []; }
-
-  /** @returns {any} */
-  verdict(_kind, _notes, _state, _m) { return null; }
-
-  /** @returns {string[]} */
-  doubts(_notes, _state) { return []; }
-
-  /** As `cartstiff.shown.page.shown.shown_numbers`. */
-  numbers(state, m = this.solve(state)) {
-    const T = state.axes === "body" && !state.point.some((x) => x) ? null
-      : motion(state.axes === "body" ? identity(3) : transposed(rotation(m.pose)), state.point);
-    const here = inFrame(m, T);
-    const shown = here[state.quantity];
-    const K = here.stiffness[state.connection] && symmetric(here.stiffness[state.connection]);
-    const numbers = K && this.indices(K);
-    const own = Object.keys(this.data.own ?? {});
-    const asymmetries = Object.fromEntries(Object.entries(shown).map(([name, M]) => [name, M && asymmetry(M)]));
-    const notes = this.notes(m, state);
-    const found = softest(here);
-    /** @type {any} */
-    const answer = {
-      q: m.straight, result: this.part(m, state.quantity, notes), has_compliance: true, position: place(m.pose),
-        frame: T,
-      stiffness: null, compliance: null, wrench: here.wrench, principal: principalValues(here, state), indices: numbers,
-      symmetric: { ...asymmetries, "+": asymmetries.A }, singularity: this.distance(m), legs: this.legs(m),
-        moved: this.moved(m, state),
-      modes: state.mode === null ? null : { missing: "Modes are computed by `cartstiff view`." },
-      softest: found && { ...found, which: this.which(found.direction, true) },
-      verdict: this.verdict(numbers?.definiteness, notes, state, m), doubts: this.doubts(notes, state),
-    };
-    if (own.length) answer.own = Object.fromEntries(own.map((name) => [name, shown[name]]));
-    if (T) answer[state.quantity] = Object.fromEntries(Object.entries(shown).filter(([name]) => name !== "+"));
-    return answer;
-  }
-
   matrices(table) {
     const { A, B, K, F } = table;
     return { A, B, K, F };
@@ -65,19 +26,6 @@ export class Readings extends Formulas {
       [quantity]: this.matrices(quantity === "stiffness" ? m.K : m.C),
       load: { kind: m.kind, at: m.at, meaning: this.data.words.kinds[m.kind], stiffness: m.K.load,
         compliance: m.C.load }, notes };
-  }
-
-  /** What `cartstiff analyse --json` prints. */
-  result(state) {
-    const m = this.solve(state);
-    /** @type {any} */
-    const found = { ...this.data.base, ...this.part(m, "stiffness", this.notes(m, state)), jacobian: m.jacobian ?? null,
-      compliance: this.matrices(m.C) };
-    delete found.stored_energy; // gravity's part is not told apart here
-    if (found.legs) found.legs = this.drives(m, found.legs);
-    if (found.forces) found.forces = this.forces(m);
-    if (found.task_axes) found.task_axes = this.taskAxes(m, found.task_axes);
-    return found;
   }
 
   /** What drives carry, with their limits, the most loaded first, as `cartstiff.core.stiffness.forces.forces_of`. */
