@@ -84,6 +84,14 @@ export function changed(C, D, length) {
   return back && product(C, scaled(back, inverted(sizes), sizes));
 }
 
+/** Cosine and sine of the turn that makes the off-diagonal entry d beside a and b vanish. */
+function turnThat(a, b, d) {
+  const theta = (b - a) / (2 * d);
+  const t = (theta < 0 ? -1 : 1) / (Math.abs(theta) + Math.hypot(theta, 1));
+  const c = 1 / Math.hypot(t, 1);
+  return [c, t * c];
+}
+
 /** Eigenvalues, smallest first, and eigenvectors as rows, of a symmetric matrix: Jacobi's rotations. */
 export function eigen(M) {
   const n = M.length;
@@ -95,10 +103,7 @@ export function eigen(M) {
       for (let q = p + 1; q < n; q++) {
         if (Math.abs(A[p][q]) <= 0.1 * EPSILON * Math.sqrt(Math.abs(A[p][p] * A[q][q])) || A[p][q] === 0) continue;
         rest += 1;
-        const theta = (A[q][q] - A[p][p]) / (2 * A[p][q]);
-        const t = (theta < 0 ? -1 : 1) / (Math.abs(theta) + Math.hypot(theta, 1));
-        const c = 1 / Math.hypot(t, 1);
-        const s = t * c;
+        const [c, s] = turnThat(A[p][p], A[q][q], A[p][q]);
         for (let k = 0; k < n; k++) [A[k][p], A[k][q]] = [c * A[k][p] - s * A[k][q], s * A[k][p] + c * A[k][q]];
         for (let k = 0; k < n; k++) [A[p][k], A[q][k]] = [c * A[p][k] - s * A[q][k], s * A[p][k] + c * A[q][k]];
         for (let k = 0; k < n; k++) [V[p][k], V[q][k]] = [c * V[p][k] - s * V[q][k], s * V[p][k] + c * V[q][k]];
@@ -122,10 +127,7 @@ export function singular(M) {
         const [a, b, d] = [dot(columns[p], columns[p]), dot(columns[q], columns[q]), dot(columns[p], columns[q])];
         if (!(Math.abs(d) > 0.5 * EPSILON * Math.sqrt(a * b))) continue;
         rest += 1;
-        const theta = (b - a) / (2 * d);
-        const t = (theta < 0 ? -1 : 1) / (Math.abs(theta) + Math.hypot(theta, 1));
-        const c = 1 / Math.hypot(t, 1);
-        const s = t * c;
+        const [c, s] = turnThat(a, b, d);
         for (const rows of [columns, V]) {
           const [x, y] = [rows[p], rows[q]];
           rows[p] = x.map((value, k) => c * value - s * y[k]);

@@ -193,5 +193,5 @@ export function deflectionPanel(store) {
       ...moved.notes.map((note) => el("div.dim.small", note)));
     line.textContent = line.title = assumptions(store, moved);
   });
-  return { toggle };
+  return { showMove: toggle };
 }

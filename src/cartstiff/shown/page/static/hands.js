@@ -393,5 +393,5 @@ export function hands(store) {
     viewer.set_dirty();
   }
 
-  return { toggle: () => pin(!pinned) };
+  return { pinHandles: () => pin(!pinned) };
 }

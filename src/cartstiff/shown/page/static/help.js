@@ -4,7 +4,8 @@ import { all, button, byId, el, hint, openDialog } from "./dom.js";
 import { showReport } from "./numbers.js";
 import { toHome, toRandom, toZero } from "./pose.js";
 
-export function shortcuts(store, parts) {
+/** `acts` of other parts are those that they have when a key is pressed. */
+export function shortcuts(store, acts) {
   const steps = [["↶", "Undo (u)", () => store.undo(), () => store.past],
     ["↷", "Redo (U)", () => store.redo(), () => store.future]]
     .map(([sign, words, act, list]) => [button(sign, act, { title: words, "aria-label": words, disabled: true }),
@@ -31,18 +32,18 @@ export function shortcuts(store, parts) {
     ["b", "back to state 1", () => store.goToKept()],
     ["123456", "connection A, B, K, F, +, under the load",
       (key) => store.change({ connection: ["A", "B", "K", "F", "+", "load"][Number(key) - 1] })],
-    ["g", "handles at the tool stay", () => parts.hands.toggle()],
+    ["g", "handles at the tool stay", () => acts.pinHandles()],
     ["u", "undo", () => store.undo()],
     ["U", "redo", () => store.redo()],
     ["s", "stiffness or compliance",
       () => store.change({ quantity: store.state.quantity === "stiffness" ? "compliance" : "stiffness" })],
     ["l", "radii: √, linear, log", () => store.source.moves
       && store.change({ scale: { root: "linear", linear: "log", log: "root" }[store.state.scale] })],
-    ["c", "copy as NumPy array", () => parts.matrix.copyNumpy()],
+    ["c", "copy as NumPy array", () => acts.copyNumpy()],
     ["i", "full analysis", () => showReport(store)],
-    ["p", "play or pause", () => parts.strip.toggle()],
-    ["v", "show it move: under the load, or in a mode", () => parts.give.toggle()],
-    ["d", "degrees or radians", () => parts.pose.flipAngle()],
+    ["p", "play or pause", () => acts.play()],
+    ["v", "show it move: under the load, or in a mode", () => acts.showMove()],
+    ["d", "degrees or radians", () => acts.flipAngle()],
     ["t", "light or dark", () => flip()],
   ];
 

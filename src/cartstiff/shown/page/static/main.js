@@ -28,30 +28,15 @@ import { whichCard } from "./which.js";
 // Time (ms) without a change after which the page asks for what it may need later.
 const AT_REST = 1200;
 
+// What the page is made of, each after what it follows on its side.
+const PARTS = [verdictLine, additionsCard, controls, posePanel, pictureControls, deflectionPanel, enoughCard, whichCard,
+  whatIfCard, compareCard, numbersPanel, matrixPanel, notesCard, modesPanel, legendBox, hands, picking, sharing,
+  shortcuts, strip, guides];
+
 function build(source) {
   const store = new Store(source, new Pane());
-  verdictLine(store);
-  additionsCard(store);
-  controls(store);
-  const pose = posePanel(store);
-  pictureControls(store);
-  const give = deflectionPanel(store);
-  enoughCard(store);
-  whichCard(store);
-  whatIfCard(store);
-  compareCard(store);
-  numbersPanel(store);
-  const matrix = matrixPanel(store);
-  notesCard(store);
-  modesPanel(store);
-  legendBox(store);
-  const held = hands(store);
-  picking(store);
-  sharing(store);
-  const parts = { pose, matrix, give, hands: held };
-  shortcuts(store, parts);
-  parts.strip = strip(store);
-  guides(store);
+  const acts = {}; // of the parts, for keys
+  for (const part of PARTS) Object.assign(acts, part(store, acts));
   banners(store, source);
   for (const card of document.querySelectorAll(".card:not(details, .moved-card, .notes-card)")) foldable(card);
   store.on("hello", () => source.moves || fix());

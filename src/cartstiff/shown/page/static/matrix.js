@@ -196,7 +196,7 @@ export function matrixPanel(store) {
   });
   store.on("numbers", update);
   store.on("rows", update);
-  return { copyNumpy, update };
+  return { copyNumpy };
 }
 
 /** Numbers and colours: square roots of the entries over the largest of their unit. */

@@ -474,5 +474,5 @@ export function strip(store) {
     redraw();
   }
   for (const act of [question, () => request(), showCursor]) store.on("numbers", act);
-  return { toggle, draw };
+  return { play: toggle };
 }
