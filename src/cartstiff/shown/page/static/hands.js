@@ -189,69 +189,68 @@ export function hands(store) {
   }
 
   function begin(event, grip) {
-    const origin = { force: pulls[0], moment: pulls[1], twirl }[grip.kind]?.position.clone() ?? tool.position.clone();
-    const toF = node().matrixWorld.clone().invert();
-    hold = { ...grip, pointer: event.pointerId, origin, at: origin.clone(), toF, normal: sight(), moved: false,
-      pose: store.numbers.result.pose.map((row) => row.slice()), state: structuredClone(store.state) };
-    if (grip.axis !== undefined) hold.along = vector(grip.axis === 0, grip.axis === 1, grip.axis === 2)
-      .applyQuaternion(tool.quaternion);
-    const ray = pane.ray(event);
-    if (grip.kind === "arm") hold.from = onLine(ray, origin, hold.along);
-    else if (grip.kind === "ring" || grip.kind === "twirl") {
-      if (grip.kind === "twirl") hold.along = line();
-      if (Math.abs(hold.along.dot(hold.normal)) < EDGE_ON) hold.along = hold.normal.clone()
-        .multiplyScalar(Math.sign(hold.along.dot(hold.normal)) || 1);
-      const met = onPlane(ray, origin, hold.along);
-      hold.from = met ? angleIn(met, origin, hold.along) : 0;
-      hold.angle = hold.from;
-    } else hold.from = onPlane(ray, origin, hold.normal);
-    if (LOAD.includes(grip.kind)) {
-      hold.base = vector().setFromMatrixPosition(reference());
-      const { wrench } = store.numbers;
-      hold.vector = grip.kind === "force" ? wrench.slice(3) : wrench.slice(0, 3);
-      const size = Math.hypot(...hold.vector);
-      if (grip.kind === "twirl") {
-        const first = (Math.hypot(...wrench.slice(3)) || FIRST_FORCE) * store.hello.mechanism.size * LEVER;
-        Object.assign(hold, { direction: toRoom(line(), toF).normalize(), size,
-          half: size > NEGLIGIBLE_DIFFERENCE * first ? size : first });
-      } else hold.per = size / toRoom(origin.clone().sub(hold.base), toF).length();
+    const { kind, axis } = grip;
+    const origin = ({ force: pulls[0], moment: pulls[1], twirl }[kind] ?? tool).position.clone();
+    const wrench = store.numbers.wrench ?? [];
+    const vectorOf = kind === "force" ? wrench.slice(3) : wrench.slice(0, 3);
+    hold = { ...grip, pointer: event.pointerId, origin, at: origin.clone(), toF: node().matrixWorld.clone().invert(),
+      normal: sight(), moved: false, pose: store.numbers.result.pose.map((row) => row.slice()),
+      state: structuredClone(store.state), base: vector().setFromMatrixPosition(reference()), vector: vectorOf,
+      size: Math.hypot(...vectorOf) };
+    hold.per = hold.size / toRoom(origin.clone().sub(hold.base)).length();
+    if (axis !== undefined) hold.along = vector(axis === 0, axis === 1, axis === 2).applyQuaternion(tool.quaternion);
+    if (kind === "twirl") {
+      const first = (Math.hypot(...wrench.slice(3)) || FIRST_FORCE) * store.hello.mechanism.size * LEVER;
+      hold.along = line();
+      hold.direction = toRoom(line()).normalize();
+      hold.half = hold.size > NEGLIGIBLE_DIFFERENCE * first ? hold.size : first;
     }
+    const edge = kind === "arm" ? 1 : hold.along?.dot(hold.normal);
+    if (Math.abs(edge) < EDGE_ON) hold.along = hold.normal.clone().multiplyScalar(Math.sign(edge) || 1);
+    hold.angle = hold.from = meet(event);
     pane.holding = true;
     viewer.controls.enabled = false;
     pane.node.setPointerCapture(event.pointerId);
     store.remember(`hand ${Date.now()}`);
   }
 
-  const toRoom = (way, toF) => way.applyMatrix3(new THREE.Matrix3().setFromMatrix4(toF));
+  const toRoom = (way) => way.applyMatrix3(new THREE.Matrix3().setFromMatrix4(hold.toF));
+
+  /** Where a pointer meets what is held: how far along an arm, at what angle of a ring, a ball at which point. */
+  function meet(event) {
+    const { kind, origin, along, normal } = hold;
+    const ray = pane.ray(event);
+    if (kind === "arm") return onLine(ray, origin, along);
+    if (!along) return onPlane(ray, origin, normal);
+    const point = onPlane(ray, origin, along);
+    return point && angleIn(point, origin, along);
+  }
 
   function drag(event) {
-    const ray = pane.ray(event);
     hold.moved = true;
-    if (hold.kind === "ring") {
-      const met = onPlane(ray, hold.origin, hold.along);
-      if (met) turn(angleIn(met, hold.origin, hold.along) - hold.from, event);
-    } else if (hold.kind === "twirl") {
-      const met = onPlane(ray, hold.origin, hold.along);
-      if (!met) return;
-      // Further round than half a turn goes on.
-      const step = angleIn(met, hold.origin, hold.along) - hold.angle;
-      hold.angle += step - 2 * Math.PI * Math.round(step / (2 * Math.PI));
-      load(hold.direction.clone().multiplyScalar(hold.size + (hold.half * (hold.angle - hold.from)) / Math.PI)
-        .toArray(), event);
-    } else if (hold.kind === "arm") shift(hold.along.clone()
-      .multiplyScalar(onLine(ray, hold.origin, hold.along) - hold.from));
-    else {
-      const met = onPlane(ray, hold.origin, hold.normal);
-      if (!met || !hold.from) return;
-      const way = met.sub(hold.from);
-      if (hold.kind === "ball") shift(way);
-      else pull(way, event);
-    }
+    const met = meet(event);
+    if (met === null || hold.from === null) return;
+    DRAGGED[hold.kind](met, event);
     say(event);
   }
 
+  const DRAGGED = {
+    ball: (point) => shift(point.sub(hold.from)),
+    arm: (x) => shift(hold.along.clone().multiplyScalar(x - hold.from)),
+    ring: (angle, event) => turn(angle - hold.from, event),
+    twirl: (angle, event) => {
+      // Further round than half a turn goes on.
+      const step = angle - hold.angle;
+      hold.angle += step - 2 * Math.PI * Math.round(step / (2 * Math.PI));
+      const size = hold.size + (hold.half * (hold.angle - hold.from)) / Math.PI;
+      load(hold.direction.clone().multiplyScalar(size).toArray(), event);
+    },
+    force: pull,
+    moment: pull,
+  };
+
   function shift(way) {
-    const d = toRoom(way, hold.toF).toArray();
+    const d = toRoom(way).toArray();
     store.reach({ towards: { pose: motion(rotation(hold.pose), place(hold.pose).map((x, i) => x + d[i])),
       turning: false } });
   }
@@ -259,16 +258,16 @@ export function hands(store) {
   function turn(angle, event) {
     const steps = event.shiftKey ? Math.PI / 36 : 0; // five degrees
     const by = steps ? Math.round(angle / steps) * steps : angle;
-    const axis = toRoom(hold.along.clone(), hold.toF).normalize();
+    const axis = toRoom(hold.along.clone()).normalize();
     const R = rotation(moving([...axis.multiplyScalar(by).toArray(), 0, 0, 0]));
     store.reach({ towards: { pose: motion(product(R, rotation(hold.pose)), place(hold.pose)), turning: true } });
   }
 
   /** Force or moment by its arrow's head: direction and size, along its line or an axis where the hand passes one. */
-  function pull(way, event) {
-    const head = (event.altKey ? null : onGuide(event)) ?? hold.origin.clone().add(way);
+  function pull(point, event) {
+    const head = (event.altKey ? null : onGuide(event)) ?? hold.origin.clone().add(point.sub(hold.from));
     hold.at.copy(head);
-    load(toRoom(head.sub(hold.base), hold.toF).multiplyScalar(hold.per).toArray(), event);
+    load(toRoom(head.sub(hold.base)).multiplyScalar(hold.per).toArray(), event);
   }
 
   /** The load with another force or moment, given along the room's axes. */
