@@ -1,7 +1,7 @@
 // A ball about the point whose colours are the stiffness along each direction: point at it, or turn the view with the
 // keys, and read it.
 
-import { times } from "./algebra.js";
+import { dot, rotation, times } from "./algebra.js";
 import { byId, checkbox, clamp, el, engineering, plainly, rgbs, tipIn } from "./dom.js";
 import { between } from "./drawing.js";
 import { shape } from "./shapes.js";
@@ -12,7 +12,7 @@ const BALL = 0.13;
 
 /** Stiffness along a direction of M, a unit vector: that against a force along it, see `principal`. */
 export const alongDirection = ({ values, axes }, direction) =>
-  1 / axes.reduce((sum, axis, k) => sum + axis.reduce((x, c, i) => x + c * direction[i], 0) ** 2 / values[k], 0);
+  1 / axes.reduce((sum, axis, k) => sum + dot(axis, direction) ** 2 / values[k], 0);
 
 /** A box that shows the ball, and what reads it. */
 export function stiffnessBall(store) {
@@ -29,12 +29,12 @@ export function stiffnessBall(store) {
   }, { title: "The stiffness along every direction; point at it to read it" });
   let found = null; // values in the units of stiffness, and axes in M
 
-  /** Principal stiffnesses, of a compliance their reciprocals. */
+  /** Principal stiffnesses, of a compliance their reciprocals, with their ends. */
   function stiffnesses() {
-    const { principal } = store.numbers ?? {};
-    if (!principal || !(principal.translation.values[0] > 0)) return null;
-    const { values, axes } = principal.translation;
-    return { values: store.shown.quantity === "stiffness" ? values : values.map((x) => 1 / x), axes };
+    const { values: found = [0], axes } = store.numbers?.principal?.translation ?? {};
+    if (!(found[0] > 0)) return null;
+    const values = store.shown.quantity === "stiffness" ? found : found.map((x) => 1 / x);
+    return { values, axes, low: Math.min(...values), high: Math.max(...values) };
   }
 
   const text = (k) => engineering(k, `${store.unit("force")}/${store.unit("length")}`, 3, store.sizes.translation);
@@ -44,7 +44,7 @@ export function stiffnessBall(store) {
     mesh.visible = found !== null;
     words.hidden = found === null;
     if (!found) return;
-    const [low, high] = [Math.min(...found.values), Math.max(...found.values)].map(Math.log);
+    const [low, high] = [found.low, found.high].map(Math.log);
     const { position } = geometry.attributes;
     const table = rgbs("sequential");
     const colours = new Float32Array(3 * position.count);
@@ -67,8 +67,8 @@ export function stiffnessBall(store) {
     const eye = new THREE.Vector3().setFromMatrixPosition(pane.viewer.camera.matrixWorld);
     mesh.updateWorldMatrix(true, false);
     const away = mesh.worldToLocal(eye).normalize().toArray();
-    const [low, high] = [Math.min(...found.values), Math.max(...found.values)];
-    words.textContent = `towards you: ${text(alongDirection(found, away))} (dark ${text(low)}, bright ${text(high)})`;
+    words.textContent = `towards you: ${text(alongDirection(found, away))} (dark ${text(found.low)}, bright `
+      + `${text(found.high)})`;
   });
   pane.node.addEventListener("pointermove", (event) => {
     if (!found || event.buttons) return tip.say(null);
@@ -78,10 +78,8 @@ export function stiffnessBall(store) {
     tip.say(`${text(alongDirection(found, direction))}, ${roomWords(direction)}`, event);
   });
   pane.node.addEventListener("pointerleave", () => tip.say(null));
-  const roomWords = (direction) => {
-    const R = store.numbers.result.pose.slice(0, 3).map((row) => row.slice(0, 3));
-    return plainly(directionWords(times(R, direction), true, store.hello.mechanism.upright));
-  };
+  const roomWords = (direction) => plainly(directionWords(times(rotation(store.numbers.result.pose), direction), true,
+    store.hello.mechanism.upright));
   store.on("numbers", update);
   return box;
 }

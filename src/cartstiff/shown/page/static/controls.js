@@ -3,14 +3,13 @@
 import { stiffnessBall } from "./ball.js";
 import { button, byId, card, checkbox, choice, dropdown, el, heading, hint, stateChoice, tabs, toast } from "./dom.js";
 import { fields, sliderRow } from "./inputs.js";
-import { givenLoad, loadWords } from "./loads.js";
+import { NO_LOAD, loadWords, shownLoad } from "./loads.js";
 import { NEGLIGIBLE_DIFFERENCE, ZERO_SHARE } from "./numerics.js";
 import { pointOfMap, standAt, standAtExtreme, words } from "./pick.js";
 
 const COORDINATES = ["x", "y", "z"];
 const AXES = [["body", "tool axes", "Components along the axes of the body frame M"],
   ["world", "room axes", "Components along the axes of the inertial frame F"]];
-const NO_LOAD = [0, 0, 0, 0, 0, 0];
 
 export function controls(store) {
   const note = el("span.dim.small");
@@ -39,7 +38,7 @@ export function controls(store) {
     ["none", "none", "Nothing acts: the springs rest at this posture"]], (value) => {
     isMine = value === "mine";
     const { mechanism } = store.hello;
-    if (isMine) store.change(shownLoad());
+    if (isMine) store.change(shownLoad(store));
     else store.change({ load: value === "none" && mechanism.may_be_loaded ? NO_LOAD : null });
   });
   const along = hint();
@@ -63,7 +62,7 @@ export function controls(store) {
     loadOf.querySelector("[data-value=springs]").hidden = !mechanism.may_be_loaded;
     const six = [["mx", moment], ["my", moment], ["mz", moment], ["fx", units.force], ["fy", units.force],
       ["fz", units.force]];
-    load = fields(six, (values) => store.change({ ...shownLoad(), load: values.map((x) => x ?? 0) }),
+    load = fields(six, (values) => store.change({ ...shownLoad(store), load: values.map((x) => x ?? 0) }),
       six.map(() => ({ called: "0", value: null })));
     loadPoint = fields(COORDINATES.map((name) => [name, units.length, "load at"]),
       (values) => store.change({ load_at: values }));
@@ -111,7 +110,7 @@ export function controls(store) {
     const ofSprings = state.load === null && mayBeLoaded;
     if (state.load === null) isMine = false;
     chooseLoad(ofSprings ? "springs" : isMine || state.load?.some((x) => x) ? "mine" : "none");
-    const shown = shownLoad();
+    const shown = shownLoad(store);
     load.set(state.load ?? shown.load.map((x) => Number(x.toPrecision(5))));
     along.textContent = `Moment in ${units.force} ${units.length}, force in ${units.force}, along the `
       + `${shown.load_axes === "world" ? "room's" : "tool's"} axes`;
@@ -131,25 +130,13 @@ export function controls(store) {
     note.textContent = note.title = [notes.load, notes.drives(), notes.springs, notes.point].filter(Boolean).join(", ");
   }
 
-  /** The load that is shown, as one of mine would be: what the springs exert, if none was given. */
-  function shownLoad() {
-    const { state, numbers, hello: { mechanism } } = store;
-    const { load_axes: axes, load_at: at } = state;
-    if (state.load !== null) return { load: state.load, load_axes: axes, load_at: at };
-    return { load: NO_LOAD, load_axes: axes, load_at: at, ...givenLoad(state, numbers, mechanism) };
-  }
-
-  /** The wrench that acts, with zeros for what is only rounding beside its other half, or beside the stiffness. */
-  function exerted() {
-    const wrench = store.numbers?.result.wrench ?? [];
+  /** The wrench that acts, without what is only rounding beside its other half, or beside the stiffness. */
+  function loadNote() {
+    const { wrench } = store.numbers.result;
+    if (!wrench) return "none can hold it";
     const K = (store.matrix("B", store.numbers, "stiffness") ?? [[1e4]]).flat().map(Math.abs);
     const noise = Math.max(NEGLIGIBLE_DIFFERENCE * Math.max(...wrench.map(Math.abs)), ZERO_SHARE * Math.max(...K));
-    return wrench.map((x) => (Math.abs(x) > noise ? x : 0));
-  }
-
-  function loadNote() {
-    if (!store.numbers.result.wrench) return "none can hold it";
-    return loadWords(store, { load: exerted() }) || "no load";
+    return loadWords(store, { load: wrench.map((x) => (Math.abs(x) > noise ? x : 0)) }) || "no load";
   }
 
   store.on("hello", build);

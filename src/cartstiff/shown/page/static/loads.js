@@ -3,6 +3,8 @@
 import { cross, rotation, times } from "./algebra.js";
 import { chop, engineering } from "./dom.js";
 
+export const NO_LOAD = [0, 0, 0, 0, 0, 0];
+
 /** The point in M at which the load acts. */
 export const actsAt = (state) => state.load_at ?? (state.load ? state.point : [0, 0, 0]);
 
@@ -19,8 +21,14 @@ export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
   const moment = W.slice(0, 3).map((x, i) => x - cross(at, force)[i]);
   const turns = state.load_kind === "follower";
   const along = (v) => chop(turns ? v : times(rotation(numbers.result.pose), v), Math.hypot(...v));
-  const load = numbers.moved ? [...along(moment), ...along(force)] : [0, 0, 0, 0, 0, 0];
+  const load = numbers.moved ? [...along(moment), ...along(force)] : NO_LOAD;
   return { load, load_at: at, load_axes: turns ? "body" : "world" };
+}
+
+/** The load that acts, as a state that gives one has it: what springs exert, if none was given. */
+export function shownLoad({ state, numbers, hello: { mechanism } }) {
+  const { load, load_axes: axes, load_at: at } = state;
+  return { load: load ?? NO_LOAD, load_axes: axes, load_at: at, ...givenLoad(state, numbers, mechanism) };
 }
 
 /** How far a load that is resisted moves the point; null without one. */

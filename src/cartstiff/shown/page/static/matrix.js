@@ -1,16 +1,22 @@
 // The 6x6 matrix as a heat map with units, and the choice of connection.
 
-import { sureOfInverse } from "./algebra.js";
+import { largest, sureOfInverse } from "./algebra.js";
 import { ARROWS, all, button, card, choice, copy, dropdown, el, inSize, short, stateChoice, sure } from "./dom.js";
 import { ROUNDOFF, UNCOUPLED } from "./numerics.js";
 import { safeCell } from "./plotfiles.js";
 
-export const WRENCH = ["mx", "my", "mz", "fx", "fy", "fz"];
-export const MOTION = ["rx", "ry", "rz", "x", "y", "z"];
-export const MOTION_WORDS = ["rotation about x", "rotation about y", "rotation about z", "motion along x",
-  "motion along y", "motion along z"];
-export const WRENCH_WORDS = ["moment about x", "moment about y", "moment about z", "force along x", "force along y",
-  "force along z"];
+// Of wrenches and of motions, the rows and the columns of a stiffness.
+export const SHORT = [["mx", "my", "mz", "fx", "fy", "fz"], ["rx", "ry", "rz", "x", "y", "z"]];
+const WORDS = [["moment about", "force along"], ["rotation about", "motion along"]]
+  .map((kinds) => kinds.flatMap((kind) => ["x", "y", "z"].map((axis) => `${kind} ${axis}`)));
+
+const headsOf = ({ quantity }, heads = SHORT) => (quantity === "stiffness" ? heads : heads.toReversed());
+/** A cell of a state's matrix in words. */
+export function cellOf(state, { i, j }, heads = WORDS) {
+  const [rows, columns] = headsOf(state, heads);
+  return `${rows[i]} per ${columns[j]}`;
+}
+
 const VIEWS = [
   ["whole", "K", "The matrix itself"],
   ["symmetric", "sym", "Symmetric part (K + Kᵀ)/2"],
@@ -95,12 +101,9 @@ export function matrixPanel(store) {
       return;
     }
     const [i, j] = read;
-    const unit = store.blockUnits()[i < 3 ? 0 : 1][j < 3 ? 0 : 1];
-    const stiff = store.shown.quantity === "stiffness";
-    const words = stiff ? `${WRENCH_WORDS[i]} per ${MOTION_WORDS[j]}, other motions held`
-      : `${MOTION_WORDS[i]} per ${WRENCH_WORDS[j]}, no other load`;
-    readout.replaceChildren(el("b", `${sure(shown[i][j], Math.max(...shown.flat().map(Math.abs)))} ${unit}`),
-      ` ${words}`);
+    const rest = store.shown.quantity === "stiffness" ? "other motions held" : "no other load";
+    const words = `${cellOf(store.shown, { i, j })}, ${rest}`;
+    readout.replaceChildren(el("b", `${sure(shown[i][j], largest(shown))} ${store.unitOf(i, j)}`), ` ${words}`);
     readout.title = words;
   }
   const scaleWords = "colour: sign and size within blocks of one unit";
@@ -146,8 +149,8 @@ export function matrixPanel(store) {
     const moved = point.some((x) => x !== 0);
     place.textContent = `in ${frame}${moved ? " + offset" : ""}${axes === "world" ? ", room axes" : ""}`;
     const stiff = quantity === "stiffness";
-    rowHeads.forEach((head, i) => { head.textContent = (stiff ? WRENCH : MOTION)[i]; });
-    columnHeads.forEach((head, j) => { head.textContent = (stiff ? MOTION : WRENCH)[j]; });
+    const heads = headsOf(store.shown);
+    [rowHeads, columnHeads].forEach((nodes, k) => nodes.forEach((node, i) => { node.textContent = heads[k][i]; }));
     shown = chosen();
     const names = store.blockUnits();
     // The unit of a block is of the size of its largest entry.

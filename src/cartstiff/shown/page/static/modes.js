@@ -97,18 +97,10 @@ function responseStrip(store) {
     const now = JSON.stringify([store.state.q, mechanicsOf(store.state), ratio, store.hello.mechanism.frame]);
     if (key === now) return;
     key = now;
-    try {
-      const found = await store.ask({ do: "response", ratio });
-      if (key !== now) return;
-      answer = found;
-    } catch (error) {
-      if (key !== now) return;
-      if (error.message === LOST) {
-        key = null; // the next numbers ask again
-        return;
-      }
-      answer = { missing: error.message };
-    }
+    const found = await store.ask({ do: "response", ratio }).catch(({ message }) => ({ missing: message }));
+    if (key !== now) return;
+    if (found.missing === LOST) key = null; // the next numbers ask again
+    else answer = found;
     draw();
   }
 

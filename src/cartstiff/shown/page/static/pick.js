@@ -175,8 +175,8 @@ export function words(store, what) {
   if (what.kind === "ellipsoid" || what.kind === "axis") {
     const found = numbers.principal?.[what.freedom];
     if (!found) return what.freedom;
-    const i = what.freedom === "translation" ? 1 : 0;
-    const unit = store.blockUnits()[i][i];
+    const i = what.freedom === "translation" ? 3 : 0;
+    const unit = store.unitOf(i, i);
     const values = what.kind === "axis" ? [found.values[what.index]] : found.values;
     const along = what.kind === "axis" ? ` along ${tuple(found.axes[what.index])}` : "";
     return `${what.freedom}, ${store.shown.quantity}: ${values.map((x) => short(x, 5)).join(", ")} ${unit}${along}`;

@@ -384,6 +384,11 @@ export class Store extends EventTarget {
     return { displacement: way, deflection: way, translation: least("translation"), rotation: least("rotation") };
   }
 
+  /** The unit of a cell. */
+  unitOf(i, j) {
+    return this.blockUnits()[Number(i > 2)][Number(j > 2)];
+  }
+
   /** Units of the four blocks [[rr, rt], [tr, tt]]. */
   blockUnits(quantity = this.shown.quantity) {
     const [l, f, m] = ["length", "force", "moment"].map((kind) => this.unit(kind));

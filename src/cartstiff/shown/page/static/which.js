@@ -1,11 +1,11 @@
 // Which connection? The matrices of all of them side by side where they differ, and why; the load as large as a slider
 // says, from zero.
 
-import { dot } from "./algebra.js";
+import { dot, largest } from "./algebra.js";
 import { EXAMPLE } from "./deflection.js";
 import { clamp, el, engineering, folded, inSize, short, sure, typeset } from "./dom.js";
-import { givenLoad, loadWords } from "./loads.js";
-import { MOTION, MOTION_WORDS, WRENCH, WRENCH_WORDS } from "./matrix.js";
+import { loadWords, shownLoad } from "./loads.js";
+import { SHORT, cellOf } from "./matrix.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { differences } from "./principal.js";
 
@@ -33,16 +33,9 @@ export function whichCard(store) {
   // The load at which the slider is at 1: that which was given, or one to begin with.
   let base = null;
 
-  /** The load that acts, along its axes. */
-  function acting() {
-    const { state, numbers, hello: { mechanism } } = store;
-    const { load, load_axes: axes, load_at: at } = { ...state, ...givenLoad(state, numbers, mechanism) };
-    return { load: load ?? [0, 0, 0, 0, 0, 0], load_axes: axes, load_at: at };
-  }
-
   /** Keep the base while the load is a multiple of it; the slider goes where the load is. */
   function follow() {
-    const now = acting();
+    const now = shownLoad(store);
     const times = base ? dot(now.load, base.load) / dot(base.load, base.load) : NaN;
     const off = base ? Math.hypot(...now.load.map((x, i) => x - times * base.load[i])) : Infinity;
     const same = base && ["load_axes", "load_at"].every((key) => String(now[key]) === String(base[key]));
@@ -54,14 +47,9 @@ export function whichCard(store) {
     read.textContent = loadWords(store, { load: now.load, digits: 3 }) || engineering(0, store.unit("force"));
   }
 
-  const units = (i, j) => store.blockUnits()[i < 3 ? 0 : 1][j < 3 ? 0 : 1];
-  const isStiff = () => store.shown.quantity === "stiffness";
-  const [rowsOf, columnsOf] = [[WRENCH, MOTION], [MOTION, WRENCH]].map((pair) => (stiff) => pair[stiff ? 0 : 1]);
-  const cellName = ({ i, j }) => `${rowsOf(isStiff())[i]} per ${columnsOf(isStiff())[j]}`;
-  const cellWords = ({ i, j }) => (isStiff() ? `${WRENCH_WORDS[i]} per ${MOTION_WORDS[j]}`
-    : `${MOTION_WORDS[i]} per ${WRENCH_WORDS[j]}`);
+  const cellWords = (cell) => cellOf(store.shown, cell);
   const called = (name) => (name.length > 1 && name !== "load" ? el("span", name)
-    : el("span", isStiff() ? "K" : "C", el("sup", name)));
+    : el("span", store.shown.quantity === "stiffness" ? "K" : "C", el("sup", name)));
   const sized = (cell) => short(100 * cell.share, 2);
 
   /** What a connection supposes of the load, in the words of the library. */
@@ -84,7 +72,7 @@ export function whichCard(store) {
     const [first] = found;
     const [a, b] = first ? [first.high, first.low] : [];
     most.replaceChildren(...(first ? ["Largest difference: ", el("b", cellWords(first)), ", ", called(a), " − ",
-      called(b), " = ", el("b", engineering(first.values[a] - first.values[b], units(first.i, first.j))), ", ",
+      called(b), " = ", el("b", engineering(first.values[a] - first.values[b], store.unitOf(first.i, first.j))), ", ",
       el("span", { title: "of the square root of the product of the two diagonal entries beside it" },
         `${sized(first)} %`)] : [matrices.B
       ? "Without a load there is no difference: all connections have the same matrix. Move the slider."
@@ -130,19 +118,20 @@ export function whichCard(store) {
       return svg;
     };
     const row = (cell) => {
-      const { i, j, values } = cell;
-      const [factor, unit] = inSize(Math.max(...Object.values(values).map(Math.abs)), units(i, j));
+      const { values } = cell;
+      const [most, own] = [largest([Object.values(values)]), store.unitOf(cell.i, cell.j)];
+      const [factor, unit] = inSize(most, own);
       // As many digits as show the difference.
       const spread = (values[cell.high] - values[cell.low]) / factor;
       const decimals = clamp(1 - Math.floor(Math.log10(spread)), 0, MOST_DIGITS);
-      return el("tr", el("th", { scope: "row", title: cellWords(cell) }, cellName(cell), " ", el("span.unit", unit)),
+      return el("tr", el("th", { scope: "row", title: cellWords(cell) }, cellOf(store.shown, cell, SHORT), " ",
+        el("span.unit", unit)),
       ...names.map((name) => {
         if (!(name in values)) return el("td.num.dim", "–");
         const x = apart(cell, name);
         const isMost = cell === found[0] && [cell.high, cell.low].includes(name);
-        const node = el("td", { class: `num cell${isMost ? " most" : ""}`, title: `${sure(values[name],
-          Math.max(...Object.values(values).map(Math.abs)))} ${units(i, j)}`,
-        "data-sign": x > 0 ? "plus" : x < 0 ? "minus" : "zero" }, typeset((values[name] / factor).toFixed(decimals)));
+        const node = el("td", { class: `num cell${isMost ? " most" : ""}`, title: `${sure(values[name], most)} ${own}`,
+          "data-sign": x > 0 ? "plus" : x < 0 ? "minus" : "zero" }, typeset((values[name] / factor).toFixed(decimals)));
         node.style.setProperty("--share", `${tint(Math.abs(x) * scale(cell))}%`);
         return node;
       }));
