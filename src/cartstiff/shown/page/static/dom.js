@@ -14,11 +14,12 @@ export const LOST = "the connection was lost";
  * @returns {any}
  */
 export function el(name, ...rest) {
-  const [tag, ...classes] = name.split(".");
-  const node = document.createElement(tag);
-  node.classList.add(...classes);
+  const dot = name.indexOf(".");
+  const node = document.createElement(dot < 0 ? name : name.slice(0, dot));
+  if (dot > 0) node.className = name.slice(dot + 1).replaceAll(".", " ");
   const attributes = rest[0]?.constructor === Object ? rest.shift() : {};
-  for (const [key, value] of Object.entries(attributes)) {
+  for (const key in attributes) {
+    const value = attributes[key];
     if (key.startsWith("on")) node.addEventListener(key.slice(2), value);
     else if (value === true) node.setAttribute(key, "");
     else if (value !== false && value != null) node.setAttribute(key, value);
