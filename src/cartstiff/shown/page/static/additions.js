@@ -14,17 +14,11 @@ export function additionsCard(store) {
   async function tell(name) {
     if (held.has(name)) return;
     held.add(name);
-    let said = null;
-    try {
-      while (said !== values[name]) {
-        said = values[name];
-        await store.ask({ do: "slide", name, value: said });
-      }
-    } catch ({ message }) {
-      store.tell("error", message);
-    } finally {
-      held.delete(name);
+    for (let said = null; said !== values[name];) {
+      said = values[name];
+      await store.ask({ do: "slide", name, value: said }).catch(({ message }) => store.tell("error", message));
     }
+    held.delete(name);
   }
 
   store.on("additions", ({ sliders }) => {

@@ -145,6 +145,15 @@ export function download(name, content, type = "text/plain") {
   setTimeout(() => URL.revokeObjectURL(link.href), 2000);
 }
 
+/** What does an act after a time (ms) without another one. */
+export function resting() {
+  let timer = null;
+  return (act, ms) => {
+    clearTimeout(timer);
+    timer = setTimeout(act, ms);
+  };
+}
+
 /** A list of options [value, words] of which one is chosen; `offer` gives it others. */
 export function dropdown(label, options, onchoose, more = {}) {
   const node = el("select", { "aria-label": label, onchange: () => onchoose(node.value), ...more });

@@ -1,7 +1,7 @@
 // A quantity over two coordinates, as colours: sweeps of the first, one for each value of the second.
 
 import { bright, goodness, isOutside } from "./bright.js";
-import { ARROWS, clamp, dropdown, engineering, evenly, short } from "./dom.js";
+import { ARROWS, clamp, dropdown, engineering, evenly, resting, short } from "./dom.js";
 import { Plot, isWhole, nearer } from "./plot.js";
 import { provenance, savePlot, svg } from "./plotfiles.js";
 import { curvesOf, inWords } from "./store.js";
@@ -34,7 +34,7 @@ export function heat(store, what) {
     { kind: "plot heat", label: "no values yet" });
   let map = null; // {key, state, first, second, xs, ys, rows}
   let asked = null;
-  let timer = null;
+  const calm = resting();
   plot.node.style.display = "none";
 
   const on = () => select.value !== "" && what.along() !== null;
@@ -58,8 +58,7 @@ export function heat(store, what) {
     if (!on() || !store.numbers) return;
     const key = wanted();
     if (key === map?.key || key === asked) return draw();
-    clearTimeout(timer);
-    timer = setTimeout(() => compute(key), map ? CALM : 0);
+    calm(() => compute(key), map ? CALM : 0);
   }
 
   async function compute(key) {

@@ -4,7 +4,7 @@ import { additionsCard } from "./additions.js";
 import { compareCard } from "./compare.js";
 import { controls, pictureControls } from "./controls.js";
 import { deflectionPanel } from "./deflection.js";
-import { all, button, byId, el, loaded } from "./dom.js";
+import { all, button, byId, el, loaded, resting } from "./dom.js";
 import { enoughCard } from "./enough.js";
 import { restore } from "./filters.js";
 import { guides } from "./guide.js";
@@ -68,18 +68,16 @@ function fix() {
 
 /** Once the page has come to rest it gets the mechanism's arithmetic, and again for another frame. */
 function ownArithmetic(store, source) {
-  let timer = null;
+  const atRest = resting();
   let of = null;
   store.on("hello", () => {
     if (of !== store.hello.mechanism.frame) [source.local, of] = [null, null];
   });
-  store.on("numbers", () => {
-    clearTimeout(timer);
-    if (of === null && !source.alone) timer = setTimeout(() => {
-      of = store.hello.mechanism.frame;
-      source.bring(store).catch(() => { of = null; });
-    }, AT_REST);
-  });
+  store.on("numbers", () => atRest(() => {
+    if (of !== null || source.alone) return;
+    of = store.hello.mechanism.frame;
+    source.bring(store).catch(() => { of = null; });
+  }, AT_REST));
 }
 
 /** Errors and a lost connection, where nobody can miss them. */

@@ -1,7 +1,7 @@
 // Sliders and numbers of the coordinates, a platform's legs, the pose of the tool.
 
 import { angles, motion, moving, product, rotation } from "./algebra.js";
-import { button, card, chop, clamp, el, hint, short, tabs, toast } from "./dom.js";
+import { button, card, chop, clamp, el, hint, resting, short, tabs, toast } from "./dom.js";
 import { DEGREES, fields, sliderRow } from "./inputs.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 
@@ -15,7 +15,7 @@ const TURNS = ["roll", "pitch", "yaw"];
 export function posePanel(store) {
   const rows = [];
   let stretching = null; // lengths while one is changed by hand
-  let letGo = null;
+  const letGo = resting();
   const list = el("div.sliders");
   const legs = el("div.legs");
   const meaning = hint();
@@ -118,8 +118,7 @@ export function posePanel(store) {
   function stretch(i, length) {
     stretching ??= store.numbers.legs.map((leg) => leg.length);
     stretching[i] = length;
-    clearTimeout(letGo);
-    letGo = setTimeout(() => { stretching = null; }, HELD);
+    letGo(() => { stretching = null; }, HELD);
     store.remember(`leg ${i}`);
     store.reach({ lengths: stretching.slice() });
   }

@@ -1,6 +1,6 @@
 // The state in the address, and the page as files.
 
-import { button, byId, copy, download, toast } from "./dom.js";
+import { button, byId, copy, download, resting, toast } from "./dom.js";
 import { pictureFile } from "./legend.js";
 
 // What stands for the stiffness of a rigid joint, which is null.
@@ -116,7 +116,7 @@ export function sharing(store) {
   // A file that was asked for while there was a server: with formulas in it, it opens at any state.
   let prepared = null;
   let hasServer = true;
-  let rests = null;
+  const atRest = resting();
 
   /** What a file cannot change later. */
   const baked = () => JSON.stringify([store.hello.mechanism.frame, ...(store.local ? [...FIXED].map((key) =>
@@ -137,10 +137,7 @@ export function sharing(store) {
   }
 
   store.on("server", (is) => { link.disabled = !(hasServer = is); });
-  store.on("numbers", () => {
-    clearTimeout(rests);
-    rests = setTimeout(() => prepare().catch(() => {}), store.source.rest);
-  });
+  store.on("numbers", () => atRest(() => prepare().catch(() => {}), store.source.rest));
   const link = button("Link", () => copy(linkTo(store), "Address (without its secret)"),
     { title: "Copy the address of this state, without the secret in it: who opens it is asked for what cartstiff "
       + "has printed" });
@@ -178,7 +175,6 @@ export function sharing(store) {
     store.restore(stepTo(store, hash)).catch((error) => store.tell("error", error.message));
   }
 
-  let timer = null;
   let followed = false;
   store.on("hello", (hello) => {
     if (followed) return;
@@ -190,17 +186,15 @@ export function sharing(store) {
       apply(`#${later || (hello.address ?? "")}`);
     }
   });
-  const settle = () => {
-    clearTimeout(timer);
-    timer = setTimeout(() => {
-      const hash = toHash(store);
-      try {
-        history.replaceState(null, "", hash ? `#${hash}` : location.pathname + location.search);
-      } catch {
-        // A file opened from disk may not rewrite its address.
-      }
-    }, 500);
-  };
+  const settled = resting();
+  const settle = () => settled(() => {
+    const hash = toHash(store);
+    try {
+      history.replaceState(null, "", hash ? `#${hash}` : location.pathname + location.search);
+    } catch {
+      // A file opened from disk may not rewrite its address.
+    }
+  }, 500);
   store.on("numbers", settle);
   for (const event of ["plot", "kept", "angles"]) store.on(event, () => store.numbers && settle());
   window.addEventListener("hashchange", () => {

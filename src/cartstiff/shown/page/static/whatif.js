@@ -58,25 +58,16 @@ export function whatIfCard(store) {
     if (!card.open || !store.numbers) return;
     const isMoved = Boolean(wayOf(store.numbers));
     list.hidden = !isMoved;
-    said.textContent = isMoved ? said.textContent : "needs a load that moves the point";
+    if (!isMoved) said.textContent = "needs a load that moves the point";
     all.textContent = "";
-    if (!isMoved) return;
-    if (asking) {
-      again = true;
-      return;
-    }
+    again = isMoved;
+    if (asking) return;
     asking = true;
-    try {
-      await answered(structuredClone(store.shown));
-    } catch ({ message }) {
-      all.textContent = message;
-    } finally {
-      asking = false;
-    }
-    if (again) {
+    while (again) {
       again = false;
-      refresh();
+      await answered(structuredClone(store.shown)).catch(({ message }) => { all.textContent = message; });
     }
+    asking = false;
   }
 
   async function answered(state) {
