@@ -119,11 +119,8 @@ export class LiveSource {
 
   /** Whether a server answers that does not know this page's token. */
   async strange() {
-    try {
-      return (await fetch(location.pathname, { method: "HEAD", cache: "no-store" })).status === 403;
-    } catch {
-      return false;
-    }
+    const answer = await fetch(location.pathname, { method: "HEAD", cache: "no-store" }).catch(() => null);
+    return answer?.status === 403;
   }
 
   ask(message) {

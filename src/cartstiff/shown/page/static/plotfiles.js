@@ -146,11 +146,8 @@ export async function saveDrawing(kind, name, { text, width, height }) {
   const times = timesOf(kind, width);
   const image = new Image();
   image.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;
-  try {
-    await image.decode();
-  } catch {
-    return toast("This browser does not draw the plot as a picture; SVG holds it");
-  }
+  const isDrawn = await image.decode().then(() => true, () => false);
+  if (!isDrawn) return toast("This browser does not draw the plot as a picture; SVG holds it");
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [Math.round(times * width), Math.round(times * height)];
   canvas.getContext("2d").drawImage(image, 0, 0, canvas.width, canvas.height);

@@ -13,7 +13,7 @@ const HELD = 600;
 const TURNS = ["roll", "pitch", "yaw"];
 
 export function posePanel(store) {
-  const rows = [];
+  let rows = [];
   let stretching = null; // lengths while one is changed by hand
   const letGo = resting();
   const list = el("div.sliders");
@@ -46,18 +46,13 @@ export function posePanel(store) {
   }
 
   function build(hello) {
-    rows.length = 0;
-    list.replaceChildren();
-    legs.replaceChildren();
     const { coordinates, sliders, platform } = hello.mechanism;
     zero.hidden = platform || sliders.length !== coordinates.length || !store.source.moves;
     random.hidden = !store.source.moves;
-    for (const index of sliders) {
-      const row = sliderRow(store, { ...coordinates[index], index, value: () => store.state.q[index],
-        move: (x) => store.move(index, x) });
-      rows.push(row);
-      list.append(row.node);
-    }
+    rows = sliders.map((index) => sliderRow(store, { ...coordinates[index], index, value: () => store.state.q[index],
+      move: (x) => store.move(index, x) }));
+    list.replaceChildren(...rows.map(({ node }) => node));
+    legs.replaceChildren();
     filter.hidden = sliders.length < MANY;
     filter.value = "";
     const passive = coordinates.length - sliders.length;

@@ -240,9 +240,9 @@ export function strip(store) {
       plot.node.replaceChildren();
       plot.text(MARGIN.left, MARGIN.top + 24, "computing …", "start", "nothing");
     }
-    try {
-      const { at, rows, seconds } = await store.ask(question);
-      if (asked !== own) return;
+    const { at, rows, seconds, why = null } = await store.ask(question).catch(({ message }) => ({ why: message }));
+    if (asked !== own) return;
+    if (why === null) {
       series = { state, coordinate: swept, at, rows, key: wanted, others: [] };
       if (seen()[0] < at[0] || seen()[1] > at.at(-1)) showPlot({ seen: null }, false);
       again.hidden = true;
@@ -255,16 +255,13 @@ export function strip(store) {
         if (other) series.others.push(other);
       }
       if (series.others.length) draw();
-    } catch (error) {
-      if (error.message === LOST) return; // the next numbers ask again
-      if (asked === own && error.message !== SUPERSEDED) {
-        keeping = null;
-        store.tell("error", error.message);
-      }
-    } finally {
-      if (asked === own) asked = null;
-      plot.node.classList.remove("computing");
+    } else if (![LOST, SUPERSEDED].includes(why)) {
+      keeping = null;
+      store.tell("error", why);
     }
+    asked = null;
+    plot.node.classList.remove("computing");
+    if (why === LOST) return; // the next numbers ask again
     write();
     request(keeping !== null);
   }
