@@ -117,9 +117,9 @@ export function legendBox(store) {
     box.replaceChildren(el("div.num", { title: "As long as this at M; what is nearer looks larger" }, scale,
       ` ${legend.bar.text}`),
       ...legend.lines.filter(({ mark }) => mark !== "tension" || !isShared(store.numbers))
-        .map(({ mark, title, text }) => ({ mark, title, text: unsaid(text, store.numbers.result.notes) }))
         .map(({ mark, text, title }) => el("div", { title, tabindex: title.startsWith(text) ? false : 0 },
-        el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${typeset(text)}`)));
+          el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"),
+          ` ${typeset(unsaid(text, store.numbers.result.notes))}`)));
     bars();
     // An address may ask for another posture than the one that the first picture was framed for.
     if (framed) return;

@@ -82,14 +82,11 @@ export function posePanel(store) {
     if (!found) return;
     const unit = store.unit("length");
     if (legs.childElementCount !== found.length + 1) {
-      legs.replaceChildren(el("div.leg.leg-head.dim.small", el("span", "leg"),
-        el("span", `length ${unit}`), el("span", ""), el("span", `tension ${store.unit("force")}`)));
-      found.forEach((_, i) => {
-        const range = el("input", { type: "range", step: "any", "aria-label": `length of leg ${i + 1}`,
-          oninput: () => stretch(i, range.valueAsNumber) });
-        range.disabled = !store.source.moves;
-        legs.append(el("div.leg", el("span", String(i + 1)), el("span.num"), range, el("span.num")));
-      });
+      const range = (i) => el("input", { type: "range", step: "any", "aria-label": `length of leg ${i + 1}`,
+        disabled: !store.source.moves, oninput: ({ target }) => stretch(i, target.valueAsNumber) });
+      legs.replaceChildren(el("div.leg.leg-head.dim.small", el("span", "leg"), el("span", `length ${unit}`),
+        el("span", ""), el("span", `tension ${store.unit("force")}`)),
+      ...found.map((_, i) => el("div.leg", el("span", String(i + 1)), el("span.num"), range(i), el("span.num"))));
     }
     found.forEach((leg, i) => {
       const row = legs.children[i + 1];
