@@ -135,10 +135,10 @@ export const clamp = (x, low, high) => Math.min(high, Math.max(low, x));
 export const evenly = (low, high, count) => Array.from({ length: count },
   (_, k) => low + ((high - low) * k) / (count - 1));
 
-/** Give the user a file. */
+/** Give the user a file, in whose name signs of other kinds are one. */
 export function download(name, content, type = "text/plain") {
   const blob = content instanceof Blob ? content : new Blob([content], { type });
-  const link = el("a", { download: name, href: URL.createObjectURL(blob) });
+  const link = el("a", { download: name.replaceAll(/[^\w.-]+/g, "_"), href: URL.createObjectURL(blob) });
   document.body.append(link);
   link.click();
   link.remove();

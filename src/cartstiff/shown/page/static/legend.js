@@ -1,10 +1,9 @@
 // What the picture's sizes mean: a bar of the machine's size, words, colours; and the picture as a
 // file that carries all of it.
 
-import { byId, dropdown, el, engineering, inSize, short, typeset } from "./dom.js";
+import { byId, el, engineering, inSize, short, typeset } from "./dom.js";
 import { loadWords, wayOf } from "./loads.js";
-import { PRINTED, doubts, legible, printed, provenance, saveDrawing, sheet, svg, timesOf } from "./plotfiles.js";
-import { askPrint } from "./print.js";
+import { doubts, legible, printed, provenance, saveDrawing, saveList, sheet, svg, timesOf } from "./plotfiles.js";
 
 const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱",
   held: "◇", note: "!" };
@@ -130,16 +129,10 @@ export function legendBox(store) {
 }
 
 /** A choice of sizes that saves the picture, with its legend, scale, name, load and version below. */
-export function pictureFile(store, name) {
-  const select = dropdown("Save the picture", [["", "PNG"], ...SIZES.map((times) => [`png${times}`, `PNG × ${times}`]),
-    ...PRINTED], (kind) => {
-    select.value = "";
-    const save = (of) => saveDrawing(of, name(), picture(store, of));
-    if (kind === "print") askPrint("The picture for print", save, { hasOthers: othersOf(store).length > 0 });
-    else save(kind);
-  }, { class: "save", title: "The picture as a file, with its legend, scale, load and version" });
-  return select;
-}
+export const pictureFile = (store) => saveList("picture",
+  [["", "PNG"], ...SIZES.map((times) => [`png${times}`, `PNG × ${times}`])],
+  (kind) => saveDrawing(kind, store.hello.mechanism.name, picture(store, kind)),
+  "The picture as a file, with its legend, scale, load and version", () => ({ hasOthers: othersOf(store).length > 0 }));
 
 /** How far the load moves the point, in words with units. */
 function answerIn(store) {

@@ -1,6 +1,7 @@
 // A plot as a file: SVG, PNG of one to four times its size, CSV; each says what it shows and of what.
 
-import { download, toast } from "./dom.js";
+import { download, dropdown, toast } from "./dom.js";
+import { askPrint } from "./print.js";
 
 const SVG_SPACE = "http://www.w3.org/2000/svg";
 // What a style sheet says of a line or a word, which a file must say itself.
@@ -17,7 +18,7 @@ const LEAST_WIDTH = 240;
  * Kinds of files for print: a column, a page, and what is asked for. Of a kind the words behind its width say what it
  * lacks: "clear" the ground, "bare" the caption, "alone" the other pictures.
  */
-export const PRINTED = [["mm85", "PNG, 85 mm at 300 dpi"], ["mm180", "PNG, 180 mm at 300 dpi"],
+const PRINTED = [["mm85", "PNG, 85 mm at 300 dpi"], ["mm180", "PNG, 180 mm at 300 dpi"],
   ["print", "for print …"]];
 // Width of a letter below a drawing, and of one in it, about.
 export const [LETTER, WIDE_LETTER] = [6, 7];
@@ -133,6 +134,16 @@ export function table(lines, names, rows) {
   const cell = (x) => (x === null || x === undefined ? "" : typeof x === "string" ? words(x) : String(x));
   return [...lines.map((line) => `# ${safeCell(line)}`), names.map(words).join(","),
     ...rows.map((row) => row.map(cell).join(","))].join("\n") + "\n";
+}
+
+/** A list of kinds of files, which saves one of them; `asks`: what is asked of one for print. */
+export function saveList(what, kinds, save, title, asks) {
+  const node = dropdown(`Save the ${what}`, [...kinds, ...PRINTED], (kind) => {
+    node.value = "";
+    if (kind === "print") askPrint(`The ${what} for print`, save, asks());
+    else if (kind) save(kind);
+  }, { class: "save", title });
+  return node;
 }
 
 /** A plot as a file of a kind: its rows under names, with why a value is missing, or what is drawn. */

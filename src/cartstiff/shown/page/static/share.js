@@ -144,10 +144,10 @@ export function sharing(store) {
   html.id = "export";
   actions.append(
     link,
-    pictureFile(store, () => file(store)),
+    pictureFile(store),
     saved("JSON", "The numbers at this posture, as `cartstiff analyse --json` prints them", async () =>
-      [`${file(store)}.json`, `${JSON.stringify((await store.ask({ do: "result" })).result, null, 1)}\n`,
-        "application/json"]),
+      [`${store.hello.mechanism.name}.json`,
+        `${JSON.stringify((await store.ask({ do: "result" })).result, null, 1)}\n`, "application/json"]),
     html);
   store.on("hello", () => { html.hidden = !store.source.live; });
 
@@ -202,5 +202,3 @@ export function sharing(store) {
     follow(location.hash);
   });
 }
-
-const file = (store) => `${store.hello.mechanism.name}`.replaceAll(/[^\w.-]+/g, "_");

@@ -7,8 +7,7 @@ import { wayOf } from "./loads.js";
 import { PRINTED_AS_ZERO } from "./numerics.js";
 import { player } from "./player.js";
 import { CLOSER, Plot, isWhole, nearer } from "./plot.js";
-import { LETTER, PRINTED, provenance, savePlot, svg } from "./plotfiles.js";
-import { askPrint } from "./print.js";
+import { LETTER, provenance, saveList, savePlot, svg } from "./plotfiles.js";
 import { curvesOf, inDegrees, inWords } from "./store.js";
 import { traceOf } from "./trace.js";
 
@@ -26,7 +25,7 @@ const LEAST_SEEN = 0.02;
 const [SLOW_SWEEPS, QUICK] = [2, 1];
 const SIGNS = { worst: "▼", best: "▲" };
 const SAVED_AS = [["", "Save"], ["svg", "SVG"], ["csv", "CSV"], ["png1", "PNG"],
-  ...[2, 3, 4].map((n) => [`png${n}`, `PNG × ${n}`]), ...PRINTED];
+  ...[2, 3, 4].map((n) => [`png${n}`, `PNG × ${n}`])];
 
 /** Ends of an axis, in what its lines are even in. */
 function range(list, isLog) {
@@ -80,8 +79,7 @@ export function strip(store) {
   const label = el("span.num.small.time-label");
   const again = button("↻ compute", () => request(true),
     { class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed" });
-  const save = dropdown("Save the plot", SAVED_AS, keep,
-    { class: "save", title: "The plot as a file, with what it shows" });
+  const save = saveList("plot", SAVED_AS, keep, "The plot as a file, with what it shows", () => ({ isPlot: true }));
   const marks = Object.fromEntries(Object.keys(SIGNS).map((which) => [which, button("", () => {},
     { class: `quiet ${which}`, hidden: true, title: "Go there" })]));
   const cursor = svg("line", { class: "cursor" });
@@ -141,10 +139,8 @@ export function strip(store) {
 
   /** The plot as a file; one that is of something else than the page says is computed first. */
   function keep(kind) {
-    save.value = "";
-    if (kind === "print") return askPrint("The plot for print", keep, { isPlot: true });
-    keeping = kind || null;
-    if (!keeping || write()) return;
+    keeping = kind;
+    if (write()) return;
     toast("The file follows when its values are computed");
     request(true);
     map.request();
@@ -155,7 +151,7 @@ export function strip(store) {
     const kind = keeping;
     if (!kind || !(map.on() ? map.current() : series && series.key === key())) return false;
     keeping = null;
-    const name = `${store.hello.mechanism.name}-${store.plot.of}`.replaceAll(/[^\w.-]+/g, "_");
+    const name = `${store.hello.mechanism.name}-${store.plot.of}`;
     if (map.on()) map.keep(kind, name);
     else keepCurves(kind, name);
     return true;
