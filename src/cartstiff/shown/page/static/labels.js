@@ -1,9 +1,8 @@
 // What is seen of labels and of what is hidden: each label as near to its point as it can be without
-// covering another; of an ellipsoid's values the softest, until it is pointed at; ellipsoids and
-// arrows shine through the links.
+// covering another; of an ellipsoid's values the softest, until it is pointed at; ellipsoids shine through the links.
 
 // Parts that are seen through others, by the share of their opacity.
-const SHINING = /^(translation ellipsoid|rotation ellipsoid|deflection)$/;
+const SHINING = /^(translation|rotation) ellipsoid$/;
 const SHINE = 0.45;
 const OVER_ALL = 15; // but labels and handles
 

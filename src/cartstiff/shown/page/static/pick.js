@@ -2,7 +2,6 @@
 
 import { all, byId, engineering, reveal, short, tipIn, toast, tuple } from "./dom.js";
 import { pathOf } from "./labels.js";
-import { wayOf } from "./loads.js";
 import { inWords } from "./store.js";
 
 // A press that moved less than this (dots) is a click.
@@ -12,7 +11,7 @@ const NEAR_POINT = 4;
 // How long (ms) a row stays lit.
 const LIT = 2600;
 // What is nearer to being meant where several parts lie behind each other.
-const MEANT = { load: 0, moment: 0, axis: 1, ellipsoid: 2, deflection: 2, leg: 3, joint: 3 };
+const MEANT = { load: 0, moment: 0, axis: 1, ellipsoid: 2, leg: 3, joint: 3 };
 const POINT_MEANT = 1.5; // unless something stands before it
 
 /** What a part of the picture is, by the names on its way; null for what says nothing. */
@@ -24,7 +23,6 @@ export function meaning(names, mechanism) {
       : { kind: "ellipsoid", freedom };
   }
   if (part === "wrench") return { kind: second === "moment" ? "moment" : "load" };
-  if (part === "deflection") return { kind: "deflection" };
   if (part !== "mechanism") return null;
   if (second === "legs") return { kind: "leg", index: Number(third.slice(5)) - 1 };
   if (!second?.startsWith("joint ")) return null;
@@ -40,12 +38,10 @@ export function under(pane, event, mechanism) {
   let point = null;
   pane.at().traverseVisible((node) => {
     if (node.isPoints && pathOf(node)[0] === "map") point = pointAt(node, pane, x, y);
-    else if (node.isMesh && !node.userData.isTwin && /^(mechanism|wrench|deflection|.* ellipsoid)$/.test(pathOf(node)[0]
-      ?? "")) meshes.push(node);
+    else if (node.isMesh && !node.userData.isTwin && meaning(pathOf(node), mechanism)) meshes.push(node);
   });
   const found = pane.ray(event).intersectObjects(meshes, false)
     .map(({ object, distance }) => ({ what: meaning(pathOf(object), mechanism), distance }))
-    .filter(({ what }) => what)
     .sort((a, b) => MEANT[a.what.kind] - MEANT[b.what.kind] || a.distance - b.distance);
   if (point && !found.some(({ what, distance }) => MEANT[what.kind] < POINT_MEANT
     || distance < point.distance)) return point.what;
@@ -197,8 +193,6 @@ export function words(store, what) {
     return leg ? `${name}: ${engineering(leg.length, store.unit("length"))}, tension ${engineering(leg.tension,
       store.unit("force"))}${share(name)}` : name;
   }
-  if (what.kind === "deflection") return `moved by ${engineering(wayOf(numbers) ?? 0, store.unit("length"))} under the `
-    + "load";
   const [kind, first] = what.kind === "moment" ? ["moment", 0] : ["force", 3];
   const part = numbers.wrench?.slice(first, first + 3);
   return part ? `load: ${engineering(Math.hypot(...part), store.unit(kind))} ${tuple(part)}` : "load";

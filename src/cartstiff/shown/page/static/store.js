@@ -28,7 +28,6 @@ export class Store extends EventTarget {
     this.refused = null; // why there are no numbers of what is wanted
     this.legend = null;
     this.angle = "deg";
-    this.error = null;
     this.busy = null;
     this.wanted = false;
     this.number = 1;
@@ -260,7 +259,6 @@ export class Store extends EventTarget {
 
   accept(data, commands) {
     const { numbers } = data;
-    this.error = null;
     this.numbers = numbers;
     this.shown = this.sent;
     this.legend = legendOf(data.legend, data.legend.quantity === this.shown.quantity ? this.sizes : {});
@@ -303,7 +301,6 @@ export class Store extends EventTarget {
   }
 
   fail(data) {
-    this.error = data.error;
     this.inTime();
     // What an address asked for may be impossible: then the first state is shown.
     if (!this.numbers && this.state && !this.retried) {
