@@ -262,9 +262,7 @@ def test_sliders_arrows_and_functions_of_a_script(pages):
         # It outlives a picture in another theme.
         page.keyboard.press("t")
         settled(page)
-        assert page.evaluate(
-            "() => window.cartstiff.pane.part('own', '0').visible"
-        )
+        assert page.evaluate("() => window.cartstiff.pane.part('own', '0').visible")
         page.context.close()  # what it still asks for, it asks a server that runs
 
 
