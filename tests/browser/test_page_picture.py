@@ -68,7 +68,7 @@ def test_legs_have_the_colours_of_their_forces(serve, pages, tmp_path):
             """() => {
             const { numbers, legend, pane } = window.cartstiff;
             return [numbers.legs.map(({ tension }) => tension), legend.tension.limits[1],
-                numbers.legs.map((_, i) => pane.part("meshcat", "cartstiff", "mechanism", "legs",
+                numbers.legs.map((_, i) => pane.part("mechanism", "legs",
                     `line ${i + 1}`, "rod", "<object>").material.color.toArray())];
         }"""
         )
