@@ -191,6 +191,7 @@ def test_a_stop_that_is_left_again():
     assert 1.0 < state.q[2] < 1.41
     free = equilibrium(ur5(), DeadForce([0.0, 0.0, 50.0]))
     assert absolute_error(state.q, free.q) < 1e-11
+    assert free.reactions.closures.size == 0
 
 
 def test_many_loads_against_narrow_limits():

@@ -31,7 +31,7 @@ def test_weights_of_body_and_legs(unit, newtons):
     assert 0.2 * weight < -alone.tensions.sum() < 2.0 * weight
 
 
-@pytest.mark.parametrize("size", [1e-14, 1e-3, 1e6])
+@pytest.mark.parametrize("size", [1e-17, 1e-3, 1e6])
 @pytest.mark.parametrize("spread", [1.0, 3e8])
 def test_softer_springs_under_smaller_loads_move_as_far(size, spread):
     """Displacements by k and W are those by s k and s W, also of legs that differ by far."""
@@ -41,7 +41,7 @@ def test_softer_springs_under_smaller_loads_move_as_far(size, spread):
         hexapod((size * 1e3 * legs).tolist()), wrench=(size * np.array(load)).tolist()
     )
     assert other.displacement == pytest.approx(one.displacement, rel=1e-8, abs=1e-11)
-    assert other.stable is one.stable is True
+    assert (other.iterations, other.stable) == (one.iterations, True)
     moved = cartstiff.analyse(one.elastic, one.q, wrench=load)
     same = cartstiff.analyse(other.elastic, other.q, wrench=(size * np.array(load)).tolist())
     assert same.tangent / size == pytest.approx(moved.tangent, rel=1e-6, abs=1e-6)

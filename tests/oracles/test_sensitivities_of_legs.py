@@ -120,6 +120,24 @@ def test_struts_under_load_with_masses():
             assert relative_error(rows[ends].sum(axis=0), rows[file]) < EXACT
 
 
+def test_legs_that_touch_each_other_hold_no_body(tmp_path):
+    """It rests there with any numbers: by a parameter of its file as by its legs' springs."""
+    rings = {
+        "base": {"radius": 0.5, "half_angle": 0.2},
+        "platform": {"radius": 0.3, "half_angle": 0.2},
+        "height": 0.6,
+    }
+    legs = {"stiffness": "=k", "limits": [0.4, 0.9], "diameter": 0.4}
+    kind = {"kind": "stewart-gough", "layout": rings, "parameters": {"k": 2e5}}
+    path = write_file(tmp_path, "thick", **kind, legs=legs)
+    rest = cartstiff.equilibrium(cartstiff.load(path), wrench=LOAD)
+    assert "beyond-limits" in {note.code for note in rest.notes}
+    known = cartstiff.sensitivities(rest, reread=lambda v: cartstiff.load(path, parameters=dict(v)))
+    each = [known.index(f"stiffness.leg{i}") for i in range(1, 7)]
+    found = known.pose[known.index("parameter.k")]
+    assert relative_error(found, known.pose[each].sum(axis=0)) < EXACT
+
+
 def test_all_lengths_by_one_factor():
     """Motors turn: stiffness about axes stays, that along them falls with the square."""
     result = cartstiff.analyse(cartstiff.load("6-rus"))

@@ -117,7 +117,7 @@ def unstable_up_to(balance: Balance) -> float:
     if values[-1] < -zero:
         return np.inf
     K = balance.stiffness
-    if balance.is_oblique and balance.free is not None:
+    if balance.free is not None:  # on axes at right angles, of length 1
         back = np.linalg.inv(np.linalg.qr(balance.free, mode="r"))
         K = back.T @ K @ back
     least = float(np.linalg.eigvalsh(0.5 * (K + K.T))[0])
