@@ -15,7 +15,9 @@ from tests.doors import (
     length_of_pair,
     principal_pairs,
 )
+from tests.support import refused
 
+from cartstiff import UndefinedError
 from cartstiff.analysis import stiffness_ellipsoid
 
 
@@ -73,6 +75,18 @@ def test_a_compliance_is_the_inverse_of_a_stiffness():
     # (det S / det K_tt)^(1/6) = (6 / 6000)^(1/6)
     length = length_of_pair(MatrixPair(K, np.linalg.inv(K)))
     assert length.value == pytest.approx(10**-0.5, rel=1e-15)
+
+
+def test_values_that_neither_matrix_holds_are_refused():
+    """Of 1, s, s^2 one matrix holds two: to EPSILON / s, which is 2e-5 and 2e-3."""
+    for s in (1e-11, 1e-13):
+        sizes = np.array([1.0, 1.0, 1.0, 1.0, s, s * s])
+        asked = (np.diag(sizes), "translation", "held", None, np.diag(1.0 / sizes))
+        if s == 1e-13:
+            refused("so far apart", stiffness_ellipsoid, *asked, kind=UndefinedError)
+        else:
+            found = stiffness_ellipsoid(*asked).eigenvalues
+            np.testing.assert_allclose(found, sizes[:2:-1], rtol=1e-14)
 
 
 def test_a_stack_is_its_matrices_one_by_one():

@@ -13,6 +13,7 @@ from tests.doors import (
     Chain,
     Note,
     PolynomialLaw,
+    Struts,
     Units,
     plain_tree,
     with_rest_balancing,
@@ -263,6 +264,12 @@ def test_with_springs():
     listed = elastic.with_springs([1, 2, 3], rest=[0, 0, 0])
     assert np.array_equal(listed.springs.stiffness, [1.0, 2.0, 3.0])
     assert np.array_equal(elastic.with_springs(rest=0.5).springs.rest, [0.5] * 3)
+
+
+def test_masses_of_legs_are_the_same_by_their_numbers():
+    one, same = (Struts(*np.ones((5, 6))) for _ in range(2))
+    assert one == same
+    assert one != replace(one, moving=2.0 * one.moving)
 
 
 def test_with_springs_replaces_laws_and_assumptions():

@@ -2,9 +2,10 @@
 
 import math
 
+import numpy as np
 import pytest
 from scipy.optimize import brentq
-from tests.doors import zero_between
+from tests.doors import least_change, numerics, zero_between
 
 CASES = {
     "cubic": (lambda x: x**3 - 2 * x - 5, 2.0, 3.0),
@@ -53,3 +54,15 @@ def test_the_bound_on_evaluations_is_kept():
     found = zero_between(counted, 0.0, 1.0, 0.0, 6)
     assert len(seen) <= 6
     assert found == min(seen, key=lambda x: abs(x - 1 / math.pi))
+
+
+def test_a_search_without_progress_ends_after_so_many_whole_steps():
+    """The residual stays 1 whatever the step; the first point is the best."""
+    found = least_change(
+        5.0,
+        lambda _: (np.ones(1), np.ones((1, 1))),
+        lambda x, step: x + step[0],
+        evaluations=50,
+        longest_step=2.0,
+    )
+    assert found == (5.0, 1.0, 1 + numerics.MAX_FUTILE_STEPS)

@@ -293,21 +293,21 @@ def flat(
     )
 
 
-def _cartan(share: float) -> Array:
-    return share * np.swapaxes(se3.STRUCTURE_CONSTANTS, 0, 1)
+#: Symbols of ``nabla_X Y = [X, Y]``.
+_BRACKET = np.swapaxes(se3.STRUCTURE_CONSTANTS, 0, 1)
 
 
 def turning_symbols(share: float) -> Array:
     """Symbols of ``nabla_X Y = (share w1 x w2, w1 x v2)``."""
     shares = np.zeros((6, 6, 1))
     shares[:3, :3], shares[3:, :3] = share, 1.0
-    return shares * np.swapaxes(se3.STRUCTURE_CONSTANTS, 0, 1)
+    return shares * _BRACKET
 
 
 #: Cartan's (-) connection, nabla = 0: [ZK]_ eq. 35 and 36.
 CARTAN_MINUS = Connection("A", np.zeros((6, 6, 6)), MATRICES["A"].meaning)
 #: Cartan's (0) connection, nabla_X Y = [X, Y] / 2: [ZK]_ eq. 40.
-BI_INVARIANT = Connection("B", _cartan(0.5), MATRICES["B"].meaning)
+BI_INVARIANT = Connection("B", 0.5 * _BRACKET, MATRICES["B"].meaning)
 #: Levi-Civita connection of a ball's kinetic energy (equal moments of inertia): [ZK]_ eq.
 #: 38.
 KINEMATIC = Connection(
@@ -317,7 +317,7 @@ KINEMATIC = Connection(
     tied_to_origin=True,
 )
 #: Cartan's (+) connection, nabla_X Y = [X, Y]; its stiffness is the transpose of K^A.
-CARTAN_PLUS = Connection("+", _cartan(1.0), MATRICES["+"].meaning)
+CARTAN_PLUS = Connection("+", _BRACKET, MATRICES["+"].meaning)
 
 #: The named left-invariant connections.
 NAMED = {c.name: c for c in (CARTAN_MINUS, BI_INVARIANT, KINEMATIC, CARTAN_PLUS)}

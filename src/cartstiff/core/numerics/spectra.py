@@ -227,14 +227,14 @@ def _cut(sizes_a: Array, sizes_c: Array, losses: tuple[float, float]) -> NDArray
 
 
 def condition(values: ArrayLike) -> Array:
-    """Largest over smallest absolute eigenvalue (...).
+    """Largest over smallest absolute eigenvalue (N,) of each row (N, n).
 
     Infinite if one is zero, NaN if unknown.
     """
     size = np.abs(np.asarray(values, float))
+    least = size.min(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = size.max(axis=-1) / size.min(axis=-1)
-    return np.where(np.isnan(ratio) & ~np.isnan(size).any(axis=-1), np.inf, ratio)
+        return np.where(least == 0.0, np.inf, size.max(axis=1) / least)
 
 
 def condition_of(values: Array | list[float]) -> float:

@@ -32,8 +32,9 @@ class FlatChart:
     ----------
     stiffness : ndarray (6, 6) or None
         K^F.
-    hessian : ndarray (n, n) or None
-        The Hessian in the chart, carried to the coordinates of the mechanism.
+    added : ndarray (n, n) or None
+        What the Hessian in the chart, carried to the coordinates of the mechanism, has
+        beside that of the energy there.
     to_chart : ndarray (6, 6) or None
         Rates of the chart's coordinates per twist.
     note : Note or None
@@ -42,7 +43,7 @@ class FlatChart:
     """
 
     stiffness: Array | None = None
-    hessian: Array | None = None
+    added: Array | None = None
     to_chart: Array | None = None
     note: Note | None = None
 
@@ -88,33 +89,34 @@ def flat_chart(
         return FlatChart(note=Note("kf-undefined", message))
     if chart is IDENTITY:  # nonsingular, as `rates` exists
         H = energy.hessian
-        return FlatChart(rates.T.dot(H).dot(rates), H, rates)
+        return FlatChart(rates.T.dot(H).dot(rates), np.zeros_like(H), rates)
     to_chart = chart.jacobian @ rates
     values = numerics.singular_values(to_chart * natural)
     if not numerics.is_regular(values):
         message = "the actuated coordinates do not determine the pose here"
         facts = {"singular_values": values.tolist()}
         return FlatChart(note=Note("type-2-singularity", message, facts))
-    H = _hessian_in(chart, to_chart, rates, posture.closure, energy)
-    return FlatChart(rates.T.dot(H).dot(rates), H, to_chart)
+    added = _added_in(chart, to_chart, rates, posture.closure, energy)
+    H = energy.hessian + added
+    return FlatChart(rates.T.dot(H).dot(rates), added, to_chart)
 
 
-def _hessian_in(
+def _added_in(
     chart: SecondOrderMap,
     to_chart: Array,
     rates: Array,
     closure: SecondOrderMap | None,
     energy: Evaluation,
 ) -> Array:
-    """Hessian (n, n) in the chart's coordinates, carried to those of the mechanism."""
+    """`FlatChart.added`: ``lam c'' - mu y''``."""
     mu = np.linalg.solve(to_chart.T, rates.T.dot(energy.gradient))
-    H: Array = energy.hessian - chart.curvature(mu)
+    added: Array = -chart.curvature(mu)
     if closure is not None:
         balance = chart.jacobian.T @ mu - energy.gradient
         if any(balance.tolist()):
             lam = np.linalg.lstsq(closure.jacobian.T, balance, rcond=numerics.RANK)[0]
-            H = H + closure.curvature(lam)
-    return H
+            added = added + closure.curvature(lam)
+    return added
 
 
 def flat_connection(
@@ -140,9 +142,8 @@ def flat_connection(
         # The linear energy w . log(pose) has gradient J^T w, K^B = 0 and the curvature of
         # J.
         probe = Evaluation(0.0, motion.jacobian.T @ w, motion.curvature(w))
-        K_F = (
-            rates.T @ _hessian_in(chart, to_chart, rates, posture.closure, probe) @ rates
-        )
+        added = _added_in(chart, to_chart, rates, posture.closure, probe)
+        K_F = rates.T @ (probe.hessian + added) @ rates
         symbols[:, :, k] = -0.5 * se3.bracket_form(w) - K_F
     return Connection(
         "F", symbols, "Hessian in the joint coordinates", left_invariant=False, _flat=True

@@ -31,15 +31,15 @@ class FreeMotions:
         entries below `FREE_MOTION_STIFFNESS` times these costs no energy: those of its
         column (no force changes along it) or of its row (no force works on it), which
         differ if there is no energy.
-    basis : ndarray, shape (n, f), or None
-        The motions; None if they are the coordinates themselves.
+    basis : ndarray, shape (n, f)
+        The motions.
     is_symmetric : bool
         Whether `hessian` is that of an energy.
     by_lengths : callable or None
         The same motions in a basis that separates stiff from soft springs, or None; used
         where `hessian` has lost digits.
-    springs : tuple of ndarray (m, n), (m,), or None
-        Rates per coordinate and stiffnesses of the springs that `hessian` separates.
+    has_springs_apart : bool
+        Whether `hessian` is that of the energy alone, stiff and soft springs apart.
     error : float
         Relative error of `jacobian`.
     """
@@ -47,10 +47,10 @@ class FreeMotions:
     jacobian: Array
     hessian: Array
     terms: Array
-    basis: Array | None = None
+    basis: Array
     is_symmetric: bool = True
     by_lengths: Callable[[], FreeMotions | None] | None = None
-    springs: tuple[Array, Array] | None = None
+    has_springs_apart: bool = False
     error: float = 0.0
 
     def inverse(self, change: Array | None = None) -> numerics.Inverse | None:
@@ -67,12 +67,12 @@ class FreeMotions:
         return self.compliances(_NO_CHANGES if change is None else change[None])[-1]
 
     def compliances(
-        self, changes: Array = _NO_CHANGES, other: Array | None = None
+        self, changes: Array = _NO_CHANGES, other: tuple[Array, Array] | None = None
     ) -> list[numerics.Inverse | None]:
         """`compliance` of H itself, and for several changes (k, 6, 6).
 
-        And, as the last one, for the Hessian (n, n) of another energy without terms to
-        cancel.
+        And, as the last one, for another Hessian in the coordinates: that of the energy
+        (n, n), and what is added to it (n, n).
         """
         inverses, errors = self._inverses(changes, other)
         C = self.jacobian @ inverses @ self.jacobian.T
@@ -81,26 +81,21 @@ class FreeMotions:
         return [_one(*each) for each in zip(C, errors, symmetric, strict=False)]
 
     def _inverses(
-        self, changes: Array, other: Array | None = None
+        self, changes: Array, other: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array]:
         """Inverses of H, H + J^T D J (k, f, f) and their errors (k,),
         infinite where singular.
         """
-        J, count = self.jacobian, 1 + len(changes)
+        J = self.jacobian
         changes = np.concatenate([_NO_CHANGE, changes])
-        H, loss = self.hessian + J.T @ changes @ J, 0.0
-        if other is not None:
-            in_basis, loss = self._in_basis(other)
-            H = np.concatenate([H, in_basis[None]])
-        inverses, errors = numerics.invert_each(H)
-        if loss > errors[-1]:
-            if loss < numerics.EPSILON * numerics.LARGEST_INVERTIBLE_CONDITION:
-                errors[-1] = loss
-            else:
-                errors[-1] = np.inf
+        H = self.hessian + J.T @ changes @ J
         terms = self.terms + np.abs(J.T) @ np.abs(changes) @ np.abs(J)
-        is_idle = np.abs(H[:count]) <= numerics.FREE_MOTION_STIFFNESS * terms
-        errors[:count][(is_idle.all(axis=1) | is_idle.all(axis=2)).any(axis=1)] = np.inf
+        if other is not None:
+            own, sizes = self._on_motions(*other)
+            H, terms = np.concatenate([H, own[None]]), np.concatenate([terms, sizes[None]])
+        inverses, errors = numerics.invert_each(H)
+        is_idle = np.abs(H) <= numerics.FREE_MOTION_STIFFNESS * terms
+        errors[(is_idle.all(axis=1) | is_idle.all(axis=2)).any(axis=1)] = np.inf
         basis = self._by_lengths if errors.max() > numerics.REPORTED_ERROR else None
         if basis is None:
             return inverses, errors
@@ -113,25 +108,15 @@ class FreeMotions:
             own, errors
         )
 
-    def _in_basis(self, other: Array) -> tuple[Array, float]:
-        """Another Hessian (n, n) on the motions, and the relative error that
-        it has there.
+    def _on_motions(self, energy: Array, added: Array) -> tuple[Array, Array]:
+        """The Hessian of the energy and what is added to it, on the motions (f, f), and the
+        sizes of its terms there.
         """
-        if self.basis is None:
-            return other, 0.0
-        if self.springs is None:
-            return self.basis.T @ other @ self.basis, 0.0
-        rates, k = self.springs
-        size = (np.abs(rates.T) * k) @ np.abs(rates)
-        rest = other - (rates.T * k) @ rates
-        own = self.basis.T @ rates.T
-        along = (own * k) @ own.T
-        # The part of the springs alone is exact.
-        if np.all(np.abs(rest) <= 32.0 * numerics.EPSILON * size):
-            return along, 0.0
-        rounding = np.abs(self.basis.T) @ size @ np.abs(self.basis)
-        loss = numerics.EPSILON * float((rounding.diagonal() / along.diagonal()).max())
-        return along + self.basis.T @ rest @ self.basis, loss
+        B = self.basis
+        sizes = self.terms + np.abs(B.T) @ np.abs(added) @ np.abs(B)
+        if self.has_springs_apart:
+            return self.hessian + B.T @ added @ B, sizes
+        return B.T @ (energy + added) @ B, sizes
 
     @cached_property
     def _by_lengths(self) -> FreeMotions | None:
@@ -139,8 +124,7 @@ class FreeMotions:
 
     def motion(self, inverse: Array, wrench: Array) -> Array:
         """Motion of all coordinates (n,) under an output force (6,)."""
-        y: Array = inverse @ (self.jacobian.T @ wrench)
-        return y if self.basis is None else np.asarray(self.basis @ y)
+        return np.asarray(self.basis @ (inverse @ (self.jacobian.T @ wrench)))
 
 
 def _one(matrix: Array, error: float, symmetric: bool) -> numerics.Inverse | None:

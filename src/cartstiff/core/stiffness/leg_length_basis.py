@@ -53,7 +53,7 @@ def leg_length_basis(
         basis.terms,
         motions,
         numerics.is_symmetric(rest),
-        springs=(lines, k),
+        has_springs_apart=True,
         error=numerics.EPSILON * basis.condition,
     )
 

@@ -551,9 +551,10 @@ class PostureStiffness(LabelledResult):
     @cached_property
     def _inverses(self) -> dict[str, numerics.Inverse | None]:
         """`compliances` with their errors."""
-        free, chart = self.reduction.free, self._flat.hessian
+        free, added = self.reduction.free, self._flat.added
+        flat = None if added is None else (self.evaluation.hessian, added)
         is_known = self.wrench is not None
-        found = free.compliances(self._changes, chart) if free and is_known else ()
+        found = free.compliances(self._changes, flat) if free and is_known else ()
         each = dict(zip_longest(("B", "A", "K", "load", "F"), found))
         return {name: each[name] for name in ("A", "B", "K", "F", "load")}
 

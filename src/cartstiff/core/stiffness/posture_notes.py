@@ -208,13 +208,7 @@ def error_of_motions(
     """
     free, values = reduction.free, reduction.closures
     inverse = None if free is None else free.inverse()
-    if (
-        values is None
-        or not values.size
-        or free is None
-        or inverse is None
-        or free.basis is None
-    ):
+    if values is None or not values.size or free is None or inverse is None:
         return 0.0
     sizes = posture.coordinate_lengths
     motions = np.abs(free.basis / sizes[:, None])
@@ -247,7 +241,7 @@ def error_of_chosen_forces(
     if inverse is None or not ratio > 0.0:
         return 0.0
     parts = line_springs_and_rest(elastic, posture)
-    B = np.eye(len(energy.hessian)) if free.basis is None else free.basis
+    B = free.basis
     added = (
         free.hessian - B.T @ energy.hessian @ B if parts is None else B.T @ parts[2] @ B
     )

@@ -378,8 +378,7 @@ def _held(result: PostureStiffness) -> tuple[Array, Array, Array]:
             states[-1].message if states else words,
             code=states[-1].code if states else "no-shares",
         )
-    N = np.eye(len(result.q)) if free.basis is None else free.basis
-    return N, free.jacobian, inverse.matrix
+    return free.basis, free.jacobian, inverse.matrix
 
 
 def is_open_chain(elastic: ElasticMechanism) -> bool:
