@@ -87,6 +87,9 @@ _BY_FILE = {
     "laws/test_charts.py": [
         "geometry/charts.py:product_of_exponentials:119 A @ B -> B @ A",
     ],
+    "laws/test_drive_forces.py": [
+        "stiffness/forces.py:forces_of:265 0.0 -> 1.0",
+    ],
     "laws/test_equilibrium_constraints.py": [
         "statics/problem.py:System.balance:69 0 -> 1",
         "statics/held.py:Held.scaled:12 Mult -> Div",
@@ -100,8 +103,17 @@ _BY_FILE = {
         "geometry/se3.py:_cot_coefficient:42 12 -> 13",
         "geometry/se3.py:right_jacobian:186 Div -> Mult",
     ],
+    "laws/test_matrix_pair.py": [
+        "numerics/spectra.py:_errors:158 Mult -> Div",
+    ],
+    "laws/test_mechanisms.py": [
+        "mechanisms/platform.py:Struts.__eq__:10 Eq -> NotEq",
+    ],
     "laws/test_potentials.py": [
         "potentials/functions.py:_differentiate:121 max -> min",
+    ],
+    "laws/test_preload.py": [
+        "potentials/tensions.py:_nearest:716 Mult -> Div",
     ],
     "laws/test_tensor.py": [
         "stiffness/tensor.py:StiffnessTensor.symmetric_part:4 0.5 -> 1.0",
@@ -120,6 +132,15 @@ _BY_FILE = {
     ],
     "mechanisms/test_link_mass.py": [
         "potentials/link_springs.py:CoupledSprings.compliances:56 sign",
+    ],
+    "oracles/test_compliance_fifty_digits.py": [
+        "numerics/spectra.py:eigenpairs:50 0 -> 1",
+    ],
+    "oracles/test_platform_fifty_digits.py": [
+        "stiffness/posture_notes.py:error_of_chosen_forces:86 0.0 -> 1.0",
+    ],
+    "oracles/test_searches.py": [
+        "numerics/searches.py:least_change:106 0 -> 1",
     ],
     "oracles/test_sensitivities_of_legs.py": [
         "statics/problem.py:System.of:23 True -> False",

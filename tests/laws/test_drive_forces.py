@@ -60,6 +60,8 @@ def test_torques_are_those_of_lever_arms(urdf):
     assert list(forces) == ["s", "e"]  # the most loaded first
     assert forces["s"].used == pytest.approx(-forces["s"].force / 30.0)
     assert forces["e"].margin == pytest.approx(12.0 + forces["e"].force)
+    idle = cs.analyse(arm(urdf, gravity=[0.0, 0.0, 0.0]), Q).forces
+    assert [one.force for one in idle] == [0.0, 0.0]
 
 
 def test_torques_at_the_equilibrium_are_those_of_its_posture(urdf):

@@ -92,7 +92,8 @@ class FreeMotions:
         terms = self.terms + np.abs(J.T) @ np.abs(changes) @ np.abs(J)
         if other is not None:
             own, sizes = self._on_motions(*other)
-            H, terms = np.concatenate([H, own[None]]), np.concatenate([terms, sizes[None]])
+            H = np.concatenate([H, own[None]])
+            terms = np.concatenate([terms, sizes[None]])
         inverses, errors = numerics.invert_each(H)
         is_idle = np.abs(H) <= numerics.FREE_MOTION_STIFFNESS * terms
         errors[(is_idle.all(axis=1) | is_idle.all(axis=2)).any(axis=1)] = np.inf
@@ -109,8 +110,8 @@ class FreeMotions:
         )
 
     def _on_motions(self, energy: Array, added: Array) -> tuple[Array, Array]:
-        """The Hessian of the energy and what is added to it, on the motions (f, f), and the
-        sizes of its terms there.
+        """The sum of both, Hessians (n, n), on the motions (f, f), and the sizes of
+        its terms there.
         """
         B = self.basis
         sizes = self.terms + np.abs(B.T) @ np.abs(added) @ np.abs(B)
