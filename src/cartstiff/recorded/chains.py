@@ -1095,9 +1095,12 @@ def chain_arrays(
     at_body = len(case.constants.parents) + 1
     if case.singular:
         return _singular_arrays(ChainNumbers(tape, case, at_body), wanted)
-    is_six = len(case.constants.is_length) == 6 and not case.rigid
-    chain = ChainNumbers(tape, case, _middle(case.constants) if is_six else at_body)
-    return arrays_of(chain, wanted)
+    start = at_body
+    if len(case.constants.is_length) == 6 and not case.rigid:
+        # Where placements vary, derivatives at few postures are asked: they take less
+        # time than to try all frames.
+        start = 4 if case.varied.links else _middle(case.constants)
+    return arrays_of(ChainNumbers(tape, case, start), wanted)
 
 
 def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
