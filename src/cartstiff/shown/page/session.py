@@ -72,8 +72,6 @@ from cartstiff.shown.report.sentences import (
     words_of,
 )
 from cartstiff.version import __version__
-from cartstiff.wings.toolpaths.better import better_posture
-from cartstiff.wings.toolpaths.better_answer import better_statements
 
 _Work = Generator[None, None, Answer]
 # Why a row has no values if a drive has moved: by more than this, relative to 1 or its
@@ -465,6 +463,9 @@ class Session:
         """Coordinates of a better posture, None where there is none,
         and what is said of it.
         """
+        from cartstiff.wings.toolpaths.better import better_posture
+        from cartstiff.wings.toolpaths.better_answer import better_statements
+
         if state.load is None:
             raise InputError("a better posture needs a load")
         elastic, q = self._placed(state)

@@ -32,7 +32,6 @@ from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from cartstiff.answer.vibration.response import Damping
 from cartstiff.core import numerics
@@ -577,6 +576,8 @@ class _Cells:
         """Return the new candidates farther than `radius` from known and from
         earlier new ones.
         """
+        from scipy.spatial import cKDTree
+
         both, first = _joined(known, more), len(known.q)
         turns = np.where(self.solver.periodic, 2 * np.pi / self.solver.sizes, 0.0)
         places = both.q / self.solver.sizes
