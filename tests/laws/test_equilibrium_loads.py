@@ -249,6 +249,18 @@ def test_closures_are_kept(name):
         assert state.reactions.closures.size == state.posture.residual.size
 
 
+def test_a_large_motion_beside_stiff_legs():
+    """A whole step that is refused is followed before it is shortened: half steps alone creep."""
+    stiffness = [1800.0, 34.0, 2.9e7, 0.53, 31.0, 4.1e5]
+    elastic = cartstiff.load("hexapod").with_springs(
+        {f"leg{i}": k for i, k in enumerate(stiffness, 1)}
+    )
+    load = DeadForce([-0.64, -0.11, -0.48])
+    state = equilibrium(elastic, load, limits=False)
+    assert state.stable is True
+    assert unbalanced(state.elastic, [load], state.q) < 1e-8
+
+
 def test_springs_without_rest_position_carry_gravity_first():
     robot_file("ur_description/urdf/ur5_robot.urdf")
     elastic = replace(cartstiff.load("ur5"), gravity=np.array([0.0, 0.0, -9.81]))

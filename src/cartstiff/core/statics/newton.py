@@ -285,7 +285,7 @@ class _Iteration:
             step = self.balance.motion(-self.balance.solved(self.balance.force, _SOFTEST))
             return step if self._share(step)[0] >= 1.0 else None
 
-        steps = 1 + _WATCHDOG_STEPS if self._is_stiff() else 1
+        steps = _WATCHDOG_STEPS if self._is_stiff() else 1
         return self._followed(
             steps, whole_step, lambda: self.balance.merit <= share * before
         )
