@@ -243,6 +243,12 @@ def test_gradients_are_those_of_differences_of_whole_designs(of):
         np.testing.assert_array_less(np.abs(got - wanted), 1e-7 * (np.abs(wanted) + sizes))
     shares = {"far": {"quantity": "translation_free_min", "of": "share", "above": 1.0}}
     refuses("no derivative", evaluator(study(objectives=shares)).gradient, {"sz": 0.5})
+    divided = {"part": {"value": "=1 / (sz - 0.5)", "goal": "smallest"}}
+    refuses("fails", evaluator(study(objectives=divided)).gradient, {"sz": 0.5})
+    # A variable that is left out has the file's value, as in a design.
+    file_a = evaluate.home.parameters["a"]
+    some = {"sz": 0.55, "half": 0.2}
+    assert evaluate.gradient(some) == evaluate.gradient(some | {"a": file_a})
 
 
 def test_low_discrepancy_points_fill_the_ranges():

@@ -232,24 +232,26 @@ class StudyEvaluator:
 
         They are exact by the mechanism's numbers, which follow the variables by the
         file's arithmetic (`cartstiff.wings.maps.designs.slopes`). The worst, best and
-        median of all poses are those of the pose that decides; characteristic lengths
-        stay.
+        median of all poses are those of the pose that decides, of equal ones the first;
+        characteristic lengths stay.
 
         Parameters
         ----------
         parameters : mapping of str to float
-            Values of the variables.
+            Values of the variables; those that are missing are the file's.
 
         Raises
         ------
-        CartstiffError
-            Where the design fails.
         InputError
-            For a share of the poses, which changes in steps.
+            For a design that fails, and for a share of the poses, which changes in steps.
         """
-        names = list(self.study.variables)
-        start, of = np.array([parameters[name] for name in names]), self.study.variables
-        sizes = _STEP_SHARE * np.array([of[n].size_at(parameters[n]) for n in names])
+        if (design := self(parameters)).state == "failed":
+            what = "the design fails, so that it has no derivatives"
+            raise InputError(what, expected="a design with values", got=design.reason)
+        names, of = list(self.study.variables), self.study.variables
+        known = self.mechanism(parameters).parameters
+        start = np.array([known[name] for name in names])
+        sizes = _STEP_SHARE * np.array([of[name].size_at(known[name]) for name in names])
 
         @cache
         def read(*values: float) -> ElasticMechanism:
