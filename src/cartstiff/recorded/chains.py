@@ -1097,8 +1097,8 @@ def chain_arrays(
         return _singular_arrays(ChainNumbers(tape, case, at_body), wanted)
     start = at_body
     if len(case.constants.is_length) == 6 and not case.rigid:
-        # Where placements vary, derivatives at a few postures are asked: to try all frames
-        # takes longer than they do.
+        # Where placements vary, derivatives at a few postures are asked: to try all
+        # frames takes longer than they do.
         start = 4 if case.varied.links else _middle(case.constants)
     return arrays_of(ChainNumbers(tape, case, start), wanted)
 
