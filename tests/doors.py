@@ -21,11 +21,23 @@ TABLE = Path(__file__).with_name("doors.yaml")
 PACKAGE = Path(__file__).resolve().parents[1] / "src" / "cartstiff"
 
 
-def imported(path: Path) -> Iterator[tuple[str, str]]:
+@cache
+def tree(path: Path) -> ast.Module:
+    """A file of the package as it is parsed, once for all tests that read it."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
+def imported(path: Path) -> tuple[tuple[str, str], ...]:
     """Module and name of each import of this package in a file."""
+    return tuple(_imported(path))
+
+
+def _imported(path: Path) -> Iterator[tuple[str, str]]:
     is_inside = path.is_relative_to(PACKAGE)
     inside = ["cartstiff", *path.relative_to(PACKAGE).with_suffix("").parts] if is_inside else []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    parsed = tree(path) if is_inside else ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(parsed):
         if isinstance(node, ast.ImportFrom):
             base = inside[: len(inside) - node.level] if node.level else []
             module = ".".join([*base, *([node.module] if node.module else [])])

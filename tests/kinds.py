@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from tests.doors import tree
+
 PACKAGE = Path(__file__).resolve().parents[1] / "src" / "cartstiff"
 #: Each class below one of these is a kind.
 FAMILIES = {"Mechanism", "MechanismPosture", "Potential", "SpringLaw"}
@@ -36,10 +38,7 @@ class Kinds(NamedTuple):
 
 
 def _trees(package: Path) -> dict[str, ast.Module]:
-    return {
-        str(path.relative_to(package)): ast.parse(path.read_text(encoding="utf-8"))
-        for path in sorted(package.rglob("*.py"))
-    }
+    return {str(path.relative_to(package)): tree(path) for path in sorted(package.rglob("*.py"))}
 
 
 def _last_name(node: ast.expr) -> str:
@@ -108,8 +107,8 @@ def _form(node: ast.AST, names: set[str], attributes: set[str]) -> str | None:
 
 
 def checks(package: Path = PACKAGE, more: dict[str, str] | None = None) -> Iterator[Check]:
-    """Every check in a package; `more` are further files and their texts."""
-    trees = _trees(package) | {f: ast.parse(text) for f, text in (more or {}).items()}
+    """Every check in a package; `more` are further files, which come first, and their texts."""
+    trees = {f: ast.parse(text) for f, text in (more or {}).items()} | _trees(package)
     kinds = kinds_in(trees)
     for file, tree in trees.items():
         others = {name for name, homes in kinds.homes.items() if file not in homes}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -94,15 +94,14 @@ def note_codes() -> list[str]:
     return sorted({code.code for code in module.codes()})
 
 
-def surface() -> dict[str, Any]:
-    """Everything that the committed table has."""
-    return {
-        "options": options(),
-        "names": names(),
-        "file keys": file_keys(),
-        "json keys": json_keys(),
-        "note codes": note_codes(),
-    }
+#: Everything that the committed table has.
+SURFACE: dict[str, Callable[[], Any]] = {
+    "options": options,
+    "names": names,
+    "file keys": file_keys,
+    "json keys": json_keys,
+    "note codes": note_codes,
+}
 
 
 def pairs(count: int) -> int:
@@ -122,5 +121,6 @@ def counted(by_command: dict[str, list[str]]) -> dict[str, int]:
 
 
 if __name__ == "__main__" and sys.argv[1:] == ["--write"]:
-    text = yaml.safe_dump(surface(), sort_keys=False, width=100, default_flow_style=None)
+    found = {kind: read() for kind, read in SURFACE.items()}
+    text = yaml.safe_dump(found, sort_keys=False, width=100, default_flow_style=None)
     TABLE.write_text(text, encoding="utf-8")

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 import cartstiff
+from tests.doors import tree
 from tests.surface import HOMES
 
 PACKAGE = Path(cartstiff.__file__).parent
@@ -62,14 +63,14 @@ def _modules() -> Iterator[tuple[tuple[str, ...], Path]]:
 
 
 @cache
-def _tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
+def _imports(path: Path) -> list[tuple[int, str]]:
+    return list(_walk_imports(path))
 
 
-def _imports(path: Path) -> Iterator[tuple[int, str]]:
+def _walk_imports(path: Path) -> Iterator[tuple[int, str]]:
     """Every imported module with its line, wherever in the file it stands."""
     inside = ["cartstiff", *path.relative_to(PACKAGE).with_suffix("").parts]
-    for node in ast.walk(_tree(path)):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield node.lineno, alias.name
@@ -205,7 +206,7 @@ ARCHITECTURE = PACKAGE.parents[1] / "docs" / "architecture.md"
 def _named_in(path):
     """Names that a file defines: of the module, and of its classes as ``Class.name``."""
     found = set()
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for node in tree(path).body:
         inner = node.body if isinstance(node, ast.ClassDef) else ()
         name = getattr(node, "name", "")
         found |= {name} | {f"{name}.{one.name}" for one in inner if hasattr(one, "name")}
@@ -365,11 +366,11 @@ def test_a_posture_passes_the_packages_of_the_page():
 def test_texts_and_pages_hardly_decide():
     """What a posture is said to be is decided in the answer; renderers have tables of words."""
     trees = (
-        ast.parse(path.read_text("utf-8"))
+        tree(path)
         for part in ("report", "page")
         for path in (PACKAGE / "shown" / part).rglob("*.py")
     )
-    assert sum(isinstance(node, ast.IfExp) for tree in trees for node in ast.walk(tree)) <= 200
+    assert sum(isinstance(node, ast.IfExp) for parsed in trees for node in ast.walk(parsed)) <= 200
 
 
 def test_conditional_expressions_fit_a_line():
@@ -377,7 +378,7 @@ def test_conditional_expressions_fit_a_line():
     long = [
         f"{path.relative_to(PACKAGE)}:{node.lineno}"
         for path in PACKAGE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for node in ast.walk(tree(path))
         if isinstance(node, ast.IfExp) and node.end_lineno != node.lineno
     ]
     assert not long
@@ -412,7 +413,7 @@ def _size(path: Path) -> int:
     read, _ = _lines_of_tokens(path.read_text("utf-8"))
     said = {
         line
-        for node in ast.walk(_tree(path))
+        for node in ast.walk(tree(path))
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
         and ast.get_docstring(node) is not None
         for line in range(node.body[0].lineno, node.body[0].end_lineno + 1)
@@ -438,9 +439,8 @@ def test_long_functions_say_what_their_parts_do():
     """One comment at least in every function above 300 tokens, two above 600, and so on."""
     silent = []
     for path in PACKAGE.rglob("*.py"):
-        text = path.read_text("utf-8")
-        read, comments = _lines_of_tokens(text)
-        for node in ast.walk(ast.parse(text)):
+        read, comments = _lines_of_tokens(path.read_text("utf-8"))
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 size = bisect(read, node.end_lineno) - bisect_left(read, node.lineno)
                 if ast.get_docstring(node) is not None:

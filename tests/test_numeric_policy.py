@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 import cartstiff
-from tests.doors import numerics
+from tests.doors import numerics, tree
 
 PACKAGE = Path(cartstiff.__file__).parent
 #: Smaller numbers, and larger ones, are thresholds, unless they stand here with their reason.
@@ -37,10 +37,10 @@ ALLOWED = {
 FILES = sorted(p.relative_to(PACKAGE).as_posix() for p in PACKAGE.rglob("*.py"))
 
 
-def thresholds(source: str) -> list[int]:
+def thresholds(parsed: ast.Module) -> list[int]:
     """Lines on which a number decides."""
     found = []
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parsed):
         value = node.value if isinstance(node, ast.Constant) else None
         is_extreme = isinstance(value, float) and (
             0.0 < abs(value) < SMALL or LARGE <= abs(value) < float("inf")
@@ -52,7 +52,7 @@ def thresholds(source: str) -> list[int]:
 
 def test_no_module_has_a_threshold_of_its_own():
     found = {
-        name: thresholds((PACKAGE / name).read_text(encoding="utf-8"))
+        name: thresholds(tree(PACKAGE / name))
         for name in FILES
         if not name.startswith("core/numerics/")
     }
@@ -63,7 +63,8 @@ def test_no_module_has_a_threshold_of_its_own():
 
 
 def test_thresholds_are_seen():
-    assert thresholds("x = 1e-9\ny = 2.0\nz = np.finfo(float).eps\nif a > 1e8: pass") == [1, 4, 3]
+    source = "x = 1e-9\ny = 2.0\nz = np.finfo(float).eps\nif a > 1e8: pass"
+    assert thresholds(ast.parse(source)) == [1, 4, 3]
 
 
 def test_each_threshold_has_its_reason():

@@ -26,10 +26,10 @@ COMMANDS = 15
 NAMES = 64
 
 
-@pytest.mark.parametrize("kind", ["options", "names", "file keys", "json keys", "note codes"])
+@pytest.mark.parametrize("kind", surface.SURFACE)
 def test_the_surface_is_that_of_the_table(kind: str) -> None:
-    table = yaml.safe_load(surface.TABLE.read_text(encoding="utf-8"))[kind]
-    found = surface.surface()[kind]
+    table = yaml.load(surface.TABLE.read_text(encoding="utf-8"), yaml.CSafeLoader)[kind]
+    found = surface.SURFACE[kind]()
     if isinstance(found, dict):
         table = {f"{name} {one}" for name, some in table.items() for one in some}
         found = {f"{name} {one}" for name, some in found.items() for one in some}
