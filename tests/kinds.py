@@ -51,8 +51,8 @@ def kinds_in(trees: dict[str, ast.Module]) -> Kinds:
     """The kinds that are defined in some files."""
     classes = [
         (file, node)
-        for file, tree in trees.items()
-        for node in ast.walk(tree)
+        for file, parsed in trees.items()
+        for node in ast.walk(parsed)
         if isinstance(node, ast.ClassDef)
     ]
     known, size = set(FAMILIES), 0
@@ -110,9 +110,9 @@ def checks(package: Path = PACKAGE, more: dict[str, str] | None = None) -> Itera
     """Every check in a package; `more` are further files, which come first, and their texts."""
     trees = {f: ast.parse(text) for f, text in (more or {}).items()} | _trees(package)
     kinds = kinds_in(trees)
-    for file, tree in trees.items():
+    for file, parsed in trees.items():
         others = {name for name, homes in kinds.homes.items() if file not in homes}
-        for node in ast.walk(tree):
+        for node in ast.walk(parsed):
             if (form := _form(node, others, kinds.attributes)) is not None:
                 yield Check(file, getattr(node, "lineno", 0), form, ast.unparse(node)[:90])
 
