@@ -362,7 +362,7 @@ class _Room(NamedTuple):
         if self.displacement is not None:
             before = path.origin.point.posture.pose
             moved = displacement_between(before, point.posture.pose)[3:]
-            far = float(np.linalg.norm(moved)) / self.displacement
+            far = numerics.norm(moved) / self.displacement
             yield 1.0 - far, "displacement", ()
 
     def _of_forces(self, path: LoadPath, state: CurvePoint) -> Iterator[_Margin]:
@@ -515,9 +515,9 @@ class _Growing:
 
 def _first(x: Array, rate: Array, low: Array, high: Array) -> tuple[float, int]:
     """Where the first of ``x + s rate`` (m,) is at a bound, and which it is."""
-    least = numerics.NEGLIGIBLE_DIFFERENCE * np.abs(rate).max(initial=0.0)
+    least = numerics.NEGLIGIBLE_DIFFERENCE * numerics.largest(rate)
     moves = np.abs(rate) > least
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with numerics.silent():
         room = np.where(rate > 0.0, high - x, low - x)
         factors = np.where(moves, room / rate, np.inf)
     i = int(np.argmin(factors)) if factors.size else 0

@@ -211,7 +211,7 @@ class Comparison(LabelledResult):
     def distance(self) -> float:
         """Distance between the origins of the body frames."""
         places = (x.result.pose[:3, 3] for x in (self.first, self.second))
-        return float(np.linalg.norm(np.subtract(*places)))
+        return numerics.norm(np.subtract(*places))
 
     @property
     def softest_angle(self) -> float | None:
@@ -403,7 +403,7 @@ def _draw_pairs(
 
 def _angle(a: Array, b: Array) -> float:
     """Angle [rad] between two vectors; 0 if one of them is zero."""
-    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(np.dot(a, b)))
+    return math.atan2(numerics.norm(np.cross(a, b)), float(np.dot(a, b)))
 
 
 @checked

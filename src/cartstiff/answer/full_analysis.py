@@ -288,7 +288,7 @@ def _deflection(s: Section, u: Units, _: bool) -> Iterator[Table]:
     if (d := s.get("deflection")) is None:
         return
     moves, turns = _list(d["displacement"], u.length), _list(d["twist"][:3], u.angle)
-    size = float(np.linalg.norm(d["displacement"]))
+    size = numerics.norm(d["displacement"])
     yield table(
         "deflection",
         (),

@@ -83,7 +83,7 @@ class HeldForces(NamedTuple):
         c = (Vt[regular, -1] / values[:rank]) @ U.T
         normals = np.vstack([c, -c, free, -free])
         along = normals @ A
-        along[np.abs(along) <= numerics.RANK * np.abs(along).max(initial=0.0)] = 0.0
+        along[np.abs(along) <= numerics.RANK * numerics.largest(along)] = 0.0
         with np.errstate(invalid="ignore"):
             ends = [np.where(along != 0.0, along * x, 0.0) for x in (self.low, self.high)]
         return normals, np.maximum(*ends).sum(axis=1)
@@ -100,7 +100,7 @@ class HeldForces(NamedTuple):
             numerics.RANK * np.abs(normals @ self.G).sum(axis=1) * np.abs(wrench).max()
         )
         on, off = rate > least, rate < -least
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with numerics.silent():
             most = np.where(on, room / rate, np.inf)
             lowest = np.where(off, room / rate, -np.inf).max(initial=-np.inf)
         if not len(most) or not (s := float(most.min())) < np.inf:
@@ -108,7 +108,7 @@ class HeldForces(NamedTuple):
         if s < lowest:
             return np.nan, []
         along = normals[int(np.argmin(most))] @ self.A
-        largest = np.abs(along).max(initial=0.0)
+        largest = numerics.largest(along)
         at = np.flatnonzero(np.abs(along) > numerics.NEGLIGIBLE_SHARE * largest)
         return s, at.tolist()
 
@@ -143,7 +143,7 @@ def vertices(normals: Array, offsets: Array) -> Array | None:
     if not len(normals) or np.linalg.matrix_rank(normals) < d:
         return None
     # The centre of the largest ball inside.
-    unit = np.abs(offsets).max(initial=0.0) or 1.0
+    unit = numerics.largest(offsets) or 1.0
     rows = np.column_stack([normals, np.ones(len(normals))])
     goal = np.append(np.zeros(d), -1.0)
     ball = linprog(goal, rows, offsets / unit, bounds=[(None, None)] * d + [(0, None)])

@@ -263,8 +263,8 @@ def _beside_equilibrium(
     point = np.append(moved.point, 1.0)
     shift = ((state.pose - start) @ point)[:3]
     turn = displacement_between(start, state.pose)[:3]
-    far = float(np.linalg.norm(shift))
-    miss = float(np.linalg.norm(shift - result.pose[:3, :3] @ found.whole.displacement))
+    far = numerics.norm(shift)
+    miss = numerics.norm(shift - result.pose[:3, :3] @ found.whole.displacement)
     compared = replace(
         moved,
         equilibrium=Motion(vector(shift), vector(turn)),

@@ -126,7 +126,7 @@ def _in_words(array: Array | None) -> str:
     """Shape and size of an array that may be missing."""
     if array is None:
         return "none"
-    return f"array {array.shape}, largest entry {np.abs(array).max(initial=0.0):.6g}"
+    return f"array {array.shape}, largest entry {numerics.largest(array):.6g}"
 
 
 def of_pinocchio(value: Any) -> Any:
@@ -371,7 +371,7 @@ def checked_reach(point: Array, what: str) -> None:
     """Refuse points so far from a body that rotations about them lose the digits
     of its motion.
     """
-    farthest = float(np.abs(point).max(initial=0.0))
+    farthest = numerics.largest(point)
     if not farthest <= numerics.FARTHEST_POINT:
         raise InputError(
             "point is too far away",
@@ -393,7 +393,7 @@ def checked_unit(values: ArrayLike) -> Array:
     if largest == 0.0:
         raise InputError("direction must not be zero", got=vector.tolist())
     scaled = vector / largest  # squares of tiny or huge components would leave the range
-    return scaled / float(np.linalg.norm(scaled))
+    return scaled / numerics.norm(scaled)
 
 
 def checked_number(value: object, what: str, *, where: str | None = None) -> float:
@@ -483,13 +483,11 @@ def is_pose(T: ArrayLike, tolerance: float = numerics.NEGLIGIBLE_DIFFERENCE) -> 
         return False
     R = T[..., :3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
-        off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0)
+        off = numerics.largest(R @ np.swapaxes(R, -1, -2) - np.eye(3))
         if not off < tolerance:
             return False
     proper = bool(np.all(np.linalg.det(R) > 0))
-    last = (
-        np.abs(T[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0])).max(initial=0.0) < tolerance
-    )
+    last = numerics.largest(T[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0])) < tolerance
     return bool(proper and last)
 
 

@@ -108,7 +108,7 @@ class _Layout:
         mirror = np.array([1.0, -1.0, 1.0]) * (2.0 * (key == "rail") - 1.0)
         directions = []
         for k, entry in enumerate(one_each(value, m, self.key(key), row=True)):
-            size = float(np.linalg.norm(entry))
+            size = numerics.norm(entry)
             if size < numerics.TINY:
                 raise InputError("a direction has no length", where=self.key(key))
             v = np.array(entry, float) / size
@@ -135,7 +135,7 @@ class _Layout:
     def along(self, k: int, axis: Array) -> Array:
         """Direction in which a crank points at zero: across its axis, level, outwards."""
         level = np.cross(_Z, axis)
-        size = float(np.linalg.norm(level))
+        size = numerics.norm(level)
         along = self.frames[k][:, 0]
         if size > numerics.NEGLIGIBLE_DISTANCE:
             along = level / size
@@ -259,7 +259,7 @@ def _at_home(
         )
     shape = replace(shape, home=value)
     least = numerics.NEGLIGIBLE_DISTANCE * float(np.abs(B).max())
-    if float(np.linalg.norm(B - shape.centre)) <= least:
+    if numerics.norm(B - shape.centre) <= least:
         raise InputError(f"{name} has no length at the pose", where="key pose")
     n = shape.line
     try:
@@ -274,7 +274,7 @@ def _at_home(
     sines = [abs(float(n @ axis)) * (letter == "R") for letter, axis in hinges]
     # Two hinges, or two universal joints, of a rod that does not spin.
     if shape.middle == shape.end and is_straight:
-        sines.append(float(np.linalg.norm(np.cross(inner, end_inner))))
+        sines.append(numerics.norm(np.cross(inner, end_inner)))
     if (largest := max(sines)) > numerics.NEGLIGIBLE_DISTANCE:
         raise InputError(
             f"the joints of {name} do not fit together at the pose",

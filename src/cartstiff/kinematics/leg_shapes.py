@@ -136,10 +136,10 @@ class LegShape:
         if self.family == "strut":
             return 0.0
         if self.family == "rail":
-            away = float(np.linalg.norm(d - (d @ self.along) * self.along))
+            away = numerics.norm(d - (d @ self.along) * self.along)
             return max(0.0, away - self.rod)
         height = float(d @ self.axis)
-        radius = float(np.linalg.norm(d - height * self.axis))
+        radius = numerics.norm(d - height * self.axis)
         near = float(np.hypot(radius - self.crank, height))
         far = float(np.hypot(radius + self.crank, height))
         return max(0.0, near - self.rod, self.rod - far)
@@ -309,7 +309,7 @@ class LegShape:
 def _across(axis: Array, line: Array) -> tuple[Array, Array]:
     """Two unit vectors across an axis: the nearest to a line, and the one across both."""
     m = line - (line @ axis) * axis
-    size = float(np.linalg.norm(m))
+    size = numerics.norm(m)
     if size < numerics.NEGLIGIBLE_DISTANCE:
         raise InputError(
             "the rod lies along an axis of its universal joint",

@@ -353,7 +353,7 @@ class Leg(NamedTuple):
         kept: list[int] = []
         keys = [self._key(row) for row in q]
         for i, key in enumerate(keys):
-            if all(np.abs(key - keys[j]).max(initial=0.0) > same for j in kept):
+            if all(numerics.largest(key - keys[j]) > same for j in kept):
                 kept.append(i)
         return q[kept]
 

@@ -141,7 +141,7 @@ def _driven_and_passive(
 
 def _is_rod(ends: list[tuple[Array, Array, Array]], least: float) -> bool:
     """Whether two points keep their distance, and the second one its place on the end."""
-    lengths = [float(np.linalg.norm(B - C)) for C, B, _ in ends]
+    lengths = [numerics.norm(B - C) for C, B, _ in ends]
     places = np.array([point for _, _, point in ends])
     moved = max(np.ptp(lengths), np.ptp(places, axis=0).max())
     return bool(moved <= least < lengths[0])
@@ -211,7 +211,7 @@ def _rod(
     if not is_length:
         place = np.cross(axis, twist[3:])
         anchor = place + ((C - place) @ axis) * axis
-        crank = float(np.linalg.norm(C - anchor))
+        crank = numerics.norm(C - anchor)
         if crank <= numerics.NEGLIGIBLE_DISTANCE * leg.solver.length:
             return None
         along = (C - anchor) / crank
@@ -225,7 +225,7 @@ def _rod(
         axis,
         axis,
         crank,
-        float(np.linalg.norm(B - C)),
+        numerics.norm(B - C),
         0.0,
         np.eye(4),
     )

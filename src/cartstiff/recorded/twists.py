@@ -276,7 +276,7 @@ class Links:
         self.cosines = [
             cosine(x) if t else 1.0 for x, t in zip(position, self.turning, strict=True)
         ]
-        self.lengths = [float(np.linalg.norm(T[:3, 3])) for T in placements]
+        self.lengths = [numerics.norm(T[:3, 3]) for T in placements]
 
 
 def _shifted(T: Array, outer: Array, inner: Array, small: Array) -> Array:

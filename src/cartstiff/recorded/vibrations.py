@@ -140,7 +140,7 @@ class ManyModes:
             inverse = inverse * (force / length)
             # Motions without mass are last, and have no frequency.
             least = numerics.EPSILON * n * inverse[:, :1]
-            with np.errstate(divide="ignore", invalid="ignore"):
+            with numerics.silent():
                 hertz = 1.0 / (2.0 * np.pi * np.sqrt(inverse))
             frequencies[rows, :n] = np.where(inverse > least, hertz, np.nan)
             is_plain = values[:, 0] > numerics.LOST_ERROR * values[:, -1]

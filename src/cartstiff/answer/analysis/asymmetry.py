@@ -306,7 +306,7 @@ def relative_changes(reference: Array, roots: Array, difference: Array) -> Array
     change, size = (
         np.linalg.norm(m[~positive], 2, axis=(1, 2)) for m in (difference, reference)
     )
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with numerics.silent():
         changes[~positive] = change / size
     return changes
 

@@ -344,7 +344,7 @@ def _coupling_index(K: Array) -> float:
     )
     size = float(np.sqrt(rr * tt))
     if size > 0:
-        return float(np.linalg.norm(K[ROTATION, TRANSLATION])) / size
+        return numerics.norm(K[ROTATION, TRANSLATION]) / size
     return float("nan")
 
 

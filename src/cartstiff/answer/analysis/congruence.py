@@ -131,7 +131,7 @@ def _nnls(columns: list[Array], target: Array) -> Array:
 
 
 def _size(matrix: Array) -> float:
-    return float(np.linalg.norm(matrix)) or 1.0
+    return numerics.norm(matrix) or 1.0
 
 
 def _fit_stiffness(K: Array, J: Array, S: Array) -> tuple[Array, Array, float]:
@@ -140,7 +140,7 @@ def _fit_stiffness(K: Array, J: Array, S: Array) -> tuple[Array, Array, float]:
     load = A.T @ S @ A
     springs = _nnls([np.outer(row, row) for row in A], K + load)
     reached = (A.T * springs) @ A - load
-    return springs, reached, float(np.linalg.norm(reached - K)) / _size(K)
+    return springs, reached, numerics.norm(reached - K) / _size(K)
 
 
 def _fit_compliance(K: Array, J: Array, S: Array) -> tuple[Array, Array | None, float]:
@@ -150,7 +150,7 @@ def _fit_compliance(K: Array, J: Array, S: Array) -> tuple[Array, Array | None, 
     x.
     """
     C = invert(K, "desired stiffness")
-    size = float(np.linalg.norm(C))
+    size = numerics.norm(C)
     x = _nnls([np.outer(column, column) for column in J.T], C)
     if np.any(S):
         x = _iterate(C / size, J, S, x, size)
@@ -163,7 +163,7 @@ def _fit_compliance(K: Array, J: Array, S: Array) -> tuple[Array, Array | None, 
         cartesian = invert(reached, "fitted compliance")
     except UndefinedError:
         cartesian = None
-    return springs, cartesian, float(np.linalg.norm(reached - C)) / size
+    return springs, cartesian, numerics.norm(reached - C) / size
 
 
 def _iterate(C: Array, J: Array, S: Array, x: Array, size: float) -> Array:

@@ -92,7 +92,7 @@ def isotropy(matrix: ArrayLike, inverse: ArrayLike | None = None) -> float:
 def isotropies(values: Array) -> Array:
     """`isotropy` (...) from eigenvalues (..., n), smallest first."""
     least, largest = values[..., 0], values[..., -1]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with numerics.silent():
         ratio = np.exp(np.log(values).mean(axis=-1)) / values.mean(axis=-1)
     ratio = np.where((least == 0.0) & (largest > 0.0), 0.0, ratio)
     return np.where((least >= 0.0) & (largest > 0.0), ratio, np.nan)

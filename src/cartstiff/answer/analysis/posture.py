@@ -234,7 +234,7 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         if own.whole:
             # Along its own deflection a link is one spring, of that much turn and
             # displacement.
-            size = float(np.linalg.norm(x)) or 1.0
+            size = numerics.norm(x) or 1.0
             found.append((own.whole, None, float(x @ own.stiffness @ x) / size**2, size))
             continue
         k = own.stiffness.diagonal().tolist()

@@ -57,7 +57,7 @@ class Screw(Result):
 
 
 def _screw(along: Array, moment: Array, length: float) -> Screw:
-    size, lever = float(np.linalg.norm(along)), float(np.linalg.norm(moment))
+    size, lever = numerics.norm(along), numerics.norm(moment)
     if size * length <= numerics.INFINITE_PITCH * lever or size == 0.0:
         unit = moment / lever if lever > 0 else np.full(3, np.nan)
         point, pitch = np.full(3, np.nan), float("inf") if lever > 0 else float("nan")

@@ -100,7 +100,7 @@ def _frequencies(modes: Modes, unloaded: Modes | None) -> Table:
     cells: list[Iterable[Any]] = [range(1, count + 1), _hertz(hertz)]
     if unloaded is not None:
         bare = np.append(unloaded.frequencies, np.full(count, np.nan))[:count]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with numerics.silent():
             change = hertz / bare - 1.0
         # accuracy of two eigenvalue problems
         change[np.abs(change) < numerics.REPORTED_ERROR] = 0.0
@@ -143,7 +143,7 @@ def _axes(modes: Modes) -> Table:
         elif not np.isfinite(screw.pitch):
             motions.append(said("mode-slides", direction=along))
         else:
-            reach = max(size, float(np.linalg.norm(screw.point)))
+            reach = max(size, numerics.norm(screw.point))
             point = Quantity(rounded(screw.point, size), units.length)
             (pitch,) = rounded([screw.pitch], reach)
             own = {"point": point, "pitch": Quantity(pitch, units.pitch)}
@@ -267,8 +267,8 @@ def impedance_tables(
         rows += [f"[{units.force} | {units.moment}/rad]"] * 3
     # Gains of single joints leave out what couples joints: how much that is.
     K = answer.joint_stiffness
-    aside = float(np.linalg.norm(K - np.diag(np.diag(K))))
-    left_out = aside / max(float(np.linalg.norm(K)), numerics.TINY)
+    aside = numerics.norm(K - np.diag(np.diag(K)))
+    left_out = aside / max(numerics.norm(K), numerics.TINY)
     # What the controller will do: frequencies, damping ratios, motions of the arm itself.
     below = [
         said("closed-loop", frequencies=[*_hertz(answer.frequencies)]),
@@ -293,6 +293,6 @@ def _matrix(
 ) -> Table:
     """A matrix with the unit of each row behind it."""
     M = np.array(matrix, float)
-    M[np.abs(M) < numerics.ROUNDOFF_OF_SUMS * np.abs(M).max(initial=0.0)] = 0.0
+    M[np.abs(M) < numerics.ROUNDOFF_OF_SUMS * numerics.largest(M)] = 0.0
     rows = ((*row, unit) for row, unit in zip(M.tolist(), units, strict=True))
     return table(name, " : 6 |" * len(M) + " : <", rows, *below)

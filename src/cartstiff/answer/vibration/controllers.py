@@ -72,7 +72,7 @@ def double_diagonalisation(
     except np.linalg.LinAlgError:
         got = f"smallest eigenvalue {np.linalg.eigvalsh(M)[0]:.3g}"
         raise InputError("mass is not positive definite", got=got) from None
-    least = -numerics.FREE_MOTION_STIFFNESS * float(np.abs(squares).max(initial=0.0))
+    least = -numerics.FREE_MOTION_STIFFNESS * numerics.largest(squares)
     if (squares < least).any():
         raise InputError(
             "stiffness is not positive semidefinite: no damping holds it",
@@ -113,9 +113,7 @@ def square_root_damping(
 
 def _root(matrix: Array, what: str) -> Array:
     values, vectors = np.linalg.eigh(matrix)
-    if values[0] < -numerics.FREE_MOTION_STIFFNESS * float(
-        np.abs(values).max(initial=0.0)
-    ):
+    if values[0] < -numerics.FREE_MOTION_STIFFNESS * numerics.largest(values):
         raise InputError(
             f"{what} is not positive semidefinite",
             got=f"smallest eigenvalue {values[0]:.3g}",
@@ -347,11 +345,11 @@ def impedance(
     other = square_root_damping(scale * inertia, scale * K, zeta) / scale
     projected = V.T @ other @ V
     beside = projected - np.diag(np.diag(projected))
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with numerics.silent():
         achieved = np.where(
             squares > 0.0, np.diag(projected) / (2 * np.sqrt(squares)), np.nan
         )
-    size = float(np.abs(projected).max(initial=0.0))
+    size = numerics.largest(projected)
     J = modes.posture.motion.jacobian
     # J has rank 6 here; otherwise there is no operational-space mass.
     is_open = modes.posture.closure is None

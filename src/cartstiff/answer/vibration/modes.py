@@ -135,10 +135,8 @@ def _implausible_masses(
     """
     model = chain.tree.model
     # Mass of the whole robot against its size.
-    steps = [
-        float(np.linalg.norm(T.translation)) for T in list(model.jointPlacements)[1:]
-    ]
-    size = metres * (sum(steps) + float(np.linalg.norm(chain.body.T_j_f[:3, 3])))
+    steps = [numerics.norm(T.translation) for T in list(model.jointPlacements)[1:]]
+    size = metres * (sum(steps) + numerics.norm(chain.body.T_j_f[:3, 3]))
     total = sum(float(body.mass) for body in list(model.inertias)[1:])
     if not (size > 0.0 and total > 0.0):
         return
@@ -401,7 +399,7 @@ class Modes(Result, LabelledResult):
     def groups(self) -> list[list[int]]:
         """Numbers (from 0) of the modes, those with the same frequency together."""
         squares = self.squares
-        size = float(np.abs(squares).max(initial=0.0))
+        size = numerics.largest(squares)
         groups: list[list[int]] = []
         for i, x in enumerate(squares):
             near = numerics.REPEATED_FREQUENCY * abs(x) + numerics.ZERO_SHARE * size
@@ -448,7 +446,7 @@ class Modes(Result, LabelledResult):
         """
         moved = self.full_mass @ self.shapes
         shares = (np.conj(self.shapes) * moved).real
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with numerics.silent():
             return fixed((shares / shares.sum(axis=0)).T)
 
     @cached_property
@@ -765,7 +763,7 @@ def _stiffness_roundoff(
 
 
 def _is_symmetric(D: Array) -> bool:
-    return bool(np.abs(D - D.T).max() <= numerics.ROUNDOFF * np.abs(D).max(initial=0.0))
+    return bool(np.abs(D - D.T).max() <= numerics.ROUNDOFF * numerics.largest(D))
 
 
 def _solved(

@@ -110,7 +110,7 @@ class Damping:
                 got=ratios.size,
             )
         omega = np.sqrt(np.maximum(modes.squares.real, 0.0))
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with numerics.silent():
             more = np.where(
                 omega > 0.0, 0.5 * (self.mass / omega + self.stiffness * omega), 0.0
             )
@@ -165,7 +165,7 @@ def poles(modes: Modes, damping: Damping) -> tuple[Array, Array]:
         inverse @ T.T @ A @ T for A in (modes.stiffness, damping_matrix(modes, damping))
     )
     # Time in units in which stiffness and inertia are of the same size.
-    scale = float(np.sqrt(np.abs(K).max(initial=0.0))) or 1.0
+    scale = float(np.sqrt(numerics.largest(K))) or 1.0
     A = np.block([[np.zeros((f, f)), np.eye(f)], [-K / scale**2, -C / scale]])
     values = np.linalg.eigvals(A) * scale
     upper = values[values.imag > 0.0]
@@ -457,7 +457,7 @@ def transfer(
     omega = 2 * np.pi * hertz
     own = dampers(modes) if damping.dampers else None
     by_modes = own is None and not modes.spectrum.is_complex
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with numerics.silent():
         total = (_by_modes if by_modes else _by_matrices)(
             modes, omega, damping, out, into
         )

@@ -191,7 +191,7 @@ def modes_of(subject: PostureStiffness | Equilibrium) -> Modes | None:
 
 def in_hertz(modes: Modes, squares: Array) -> Array:
     """Convert changes (p, k) of omega^2 to Hz; NaN where f is 0 or does not exist."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with numerics.silent():
         f = modes.frequencies
         return np.where(f > 0.0, squares / (8 * np.pi**2 * f), np.nan)
 

@@ -123,7 +123,7 @@ class Chart:
         xi = np.zeros(6) if start is None else np.array(start, float)
         for _ in range(50):
             error = se3.log(se3.inverse(self.pose(xi)) @ T)
-            size = float(np.linalg.norm(error))
+            size = numerics.norm(error)
             if size < numerics.ROUNDOFF_OF_SUMS * (1 + np.linalg.norm(xi)):
                 return xi
             step = self.inverse_basis(xi) @ error

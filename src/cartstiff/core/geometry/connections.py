@@ -356,5 +356,5 @@ class Field:
         T, twist = real_array(T), real_array(twist)
         if self.derivative is not None:
             return np.asarray(self.derivative(T), float) @ twist
-        step = STEP / max(1.0, float(np.linalg.norm(twist)))
+        step = STEP / max(1.0, numerics.norm(twist))
         return derivative(lambda t: self.at(T @ se3.exp(t * twist)), step)

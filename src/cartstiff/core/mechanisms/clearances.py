@@ -85,7 +85,7 @@ def distances_of_segments(a: Array, b: Array, c: Array, d: Array) -> Array:
     uu, vv, uv = (u * u).sum(-1), (v * v).sum(-1), (u * v).sum(-1)
     uw, vw = (u * w).sum(-1), (v * w).sum(-1)
     across = uu * vv - uv * uv
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with numerics.silent():
         s = (uv * vw - vv * uw) / across
         t = (uu * vw - uv * uw) / across
         inside = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1) & (across > 0)

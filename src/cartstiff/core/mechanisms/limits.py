@@ -288,7 +288,7 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
     parts, angles = _wound_up(chain.names, np.where(is_length, 0.0, x), torque, units)
     values: dict[str, object] = {"wind_up": angles}
     if (reach := chain.reach) is not None:
-        moved = float(np.linalg.norm((chain.at(q).pose - chain.at(q - x).pose)[:3, 3]))
+        moved = numerics.norm((chain.at(q).pose - chain.at(q - x).pose)[:3, 3])
         if moved > MAX_RELATIVE_DEFLECTION * reach > 0.0:
             tip, whole = (engineering(x, units.length, 3) for x in (moved, reach))
             parts.append(f"the tip moves by {tip}, its reach is {whole}")

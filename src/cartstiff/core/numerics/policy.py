@@ -76,6 +76,23 @@ NEGLIGIBLE_SHARE: Final = 1e-6
 TINY: Final = 1e-300
 
 
+def norm(array: ArrayLike) -> float:
+    """Euclidean length of a vector, Frobenius norm of a matrix."""
+    return float(np.linalg.norm(array))
+
+
+def largest(array: ArrayLike) -> float:
+    """Largest absolute value of an array, the size beside which others count as zero;
+    0 of an empty one.
+    """
+    return float(np.abs(array).max(initial=0.0))
+
+
+def silent() -> np.errstate:
+    """A context in which a quotient of zero is infinite or NaN without a warning."""
+    return np.errstate(divide="ignore", invalid="ignore")
+
+
 def rank(values: ArrayLike, rounding: float = 0.0) -> int:
     """Number of singular values of a length-scaled Jacobian (descending) that
     are not zero.
@@ -108,8 +125,8 @@ def still_halves(jacobian: Array) -> list[slice]:
 
     A body that moves on axes which are parallel to ten digits does not rotate.
     """
-    halves, least = (slice(0, 3), slice(3, 6)), RANK * float(np.linalg.norm(jacobian))
-    return [half for half in halves if float(np.linalg.norm(jacobian[half])) <= least]
+    halves, least = (slice(0, 3), slice(3, 6)), RANK * norm(jacobian)
+    return [half for half in halves if norm(jacobian[half]) <= least]
 
 
 def clear_still_halves(compliances: Array, length: float) -> None:
@@ -136,8 +153,8 @@ def is_symmetric(matrix: Array) -> bool:
 
 def asymmetry(matrix: Array) -> float:
     """Largest entry of ``|M - M^T|``; 0 if it is round-off of the largest entry of M."""
-    skew = float(np.abs(matrix - matrix.T).max(initial=0.0))
-    return skew if skew > SYMMETRY * np.abs(matrix).max(initial=0.0) else 0.0
+    skew = largest(matrix - matrix.T)
+    return skew if skew > SYMMETRY * largest(matrix) else 0.0
 
 
 def is_about_symmetric(matrix: Array) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from cartstiff.core.numerics.criteria import (
     MAX_FUTILE_STEPS,
     SMALLEST_STEP,
 )
-from cartstiff.core.numerics.policy import RANK, ROUNDOFF, Array
+from cartstiff.core.numerics.policy import RANK, ROUNDOFF, Array, largest
 
 T = TypeVar("T")
 
@@ -62,7 +62,7 @@ def least_change(
     while seen < evaluations:
         seen += 1
         residual, rates = equations(x)
-        size = float(np.abs(residual).max(initial=0.0))
+        size = largest(residual)
         ended = size <= ATTAINABLE_PRECISION or (size <= tolerance and size >= 0.5 * best)
         futile = 0 if size < 0.9 * best else futile + 1
         if size < best:
@@ -70,13 +70,13 @@ def least_change(
         if ended:
             break
         step = weights * np.linalg.lstsq(rates * weights, -residual, rcond=rank)[0]
-        largest = float(np.abs(step).max(initial=0.0))
-        is_whole = largest < longest_step
-        if not SMALLEST_STEP < largest < np.inf or (
+        length = largest(step)
+        is_whole = length < longest_step
+        if not SMALLEST_STEP < length < np.inf or (
             futile >= MAX_FUTILE_STEPS and is_whole
         ):
             break
-        x = retract(x, np.asarray(step * min(1.0, longest_step / largest), float))
+        x = retract(x, np.asarray(step * min(1.0, longest_step / length), float))
     return kept, best, seen
 
 

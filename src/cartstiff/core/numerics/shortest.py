@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core.numerics.criteria import ROUNDOFF_OF_SUMS
-from cartstiff.core.numerics.policy import BALANCE_TOLERANCE, DEPENDENT_ROW, Array
+from cartstiff.core.numerics.policy import BALANCE_TOLERANCE, DEPENDENT_ROW, Array, silent
 
 #: Steps for each row and unknown after which a search ends: a few are enough.
 _STEPS = 10
@@ -165,7 +165,7 @@ class _ActiveSets:
         is_free = (self.active == self.none).any(axis=1)
         size = DEPENDENT_ROW**2 * (n * n).sum(axis=1)
         moves = is_free & (gain > size) & ((z * z).sum(axis=1) > size)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with silent():
             whole = np.where(moves, left / gain, np.inf)
             falls = (s > 0.0) & (self.active != self.none)
             until = np.where(falls, self.multipliers / s, np.inf)

@@ -6,7 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.core.numerics.criteria import LARGEST_BLOCK_CONDITION
-from cartstiff.core.numerics.policy import EPSILON, LOST_ERROR, TINY, ZERO_SHARE, Array
+from cartstiff.core.numerics.policy import (
+    EPSILON,
+    LOST_ERROR,
+    TINY,
+    ZERO_SHARE,
+    Array,
+    silent,
+)
 
 
 def eigenvalues(
@@ -56,7 +63,7 @@ def eigenvalues(
         todo
     ]
     rows, c = a.reshape(-1, n)[todo], _of_symmetric(others)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with silent():
         found = np.where(
             np.isnan(rows), np.sort(1.0 / _cleaned(c), axis=-1), result[todo]
         )
@@ -204,7 +211,7 @@ def _errors(
     both sizes (m, n).
     """
     rows = np.arange(len(a))
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with silent():
         of_a = losses[0] * a[:, 0] / a[rows, np.maximum(k, 1) - 1]
         of_c = losses[1] * c[rows, np.minimum(k, a.shape[1] - 1)] / c[:, -1]
     worst = np.fmax(np.where(k > 0, of_a, 1.0), np.where(k < a.shape[1], of_c, 1.0))
@@ -216,7 +223,7 @@ def _cut(sizes_a: Array, sizes_c: Array, losses: tuple[float, float]) -> NDArray
     n = sizes_a.shape[-1]
     # Loss with the first k from a: in the least of those and in the largest of the rest.
     cost = np.ones((len(sizes_a), n + 1))
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with silent():
         cost[:, 1:] = losses[0] * sizes_a[:, :1] / sizes_a
         cost[:, :-1] = np.maximum(cost[:, :-1], losses[1] * sizes_c / sizes_c[:, -1:])
         # No cut between equal sizes: their order, and with it their signs, may differ in
@@ -233,7 +240,7 @@ def condition(values: ArrayLike) -> Array:
     """
     size = np.abs(np.asarray(values, float))
     least = size.min(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with silent():
         return np.where(least == 0.0, np.inf, size.max(axis=1) / least)
 
 
@@ -261,5 +268,5 @@ def ratios(matrices: Array) -> Array:
 
 def determinants(matrices: Array) -> Array:
     """Determinants of matrices (..., n, n), without NumPy's warning for singular ones."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with silent():
         return np.asarray(np.linalg.det(matrices))

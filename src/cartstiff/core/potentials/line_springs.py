@@ -554,7 +554,7 @@ class LineSprings(PosePotential, Springs):
         summed = np.abs(matrix) @ (np.abs(tensions) + np.abs(start)) + np.abs(
             lines
         ) @ np.abs(fixed)
-        limit = numerics.BALANCE_TOLERANCE * np.abs(gradient).max(initial=0.0)
+        limit = numerics.BALANCE_TOLERANCE * numerics.largest(gradient)
         missed[missed <= limit + _SUM_ROUNDOFF * numerics.EPSILON * summed] = 0.0
         if missed.any():
             size = _length(lines[3:, 0])  # of directions in that scale
@@ -699,7 +699,7 @@ class LineSprings(PosePotential, Springs):
 
 
 def _length(vector: Array) -> float:
-    return float(np.linalg.norm(vector))
+    return numerics.norm(vector)
 
 
 def _scaled(lines: Array) -> tuple[Array, Array]:

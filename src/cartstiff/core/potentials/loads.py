@@ -126,7 +126,7 @@ def _energy_about_one_axis(moment: Array, turns: Array, q: Array) -> float:
     """
     sizes = np.linalg.norm(turns, axis=0)
     n = turns[:, int(np.argmax(sizes))]
-    across = np.abs(se3.skew(n) @ turns).max(initial=0.0)
+    across = numerics.largest(se3.skew(n) @ turns)
     if across > numerics.ROUNDOFF * sizes.max(initial=0.0) ** 2:
         return np.nan
     return -float(moment @ turns @ q)

@@ -56,7 +56,7 @@ class PolynomialLaw(SpringLaw):
     def deflection_for(self, torque: float) -> float:
         """Real root of smallest size of ``law(x) = torque``."""
         roots = np.polynomial.polynomial.Polynomial([-torque, *self.coefficients]).roots()
-        size = 1.0 + float(np.abs(roots).max(initial=0.0))
+        size = 1.0 + numerics.largest(roots)
         real = roots.real[np.abs(roots.imag) < numerics.NEGLIGIBLE_DIFFERENCE * size]
         if real.size == 0:
             raise InputError(

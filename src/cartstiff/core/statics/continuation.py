@@ -236,7 +236,7 @@ class LoadPath:
         t = direction[:-1] if balance.free is None else balance.free.T @ direction[:-1]
         per = 1.0 / np.sqrt(balance.stiffness_scale)
         pushed, along = per * push, np.append(per * t, direction[-1])
-        column = float(np.abs(pushed).max(initial=0.0)) or 1.0
+        column = numerics.largest(pushed) or 1.0
         along[-1] /= column
         row = float(np.abs(along).max()) or 1.0
         matrix = np.block([[balance.scaled, (pushed / column)[:, None]], [along / row]])
@@ -293,7 +293,7 @@ class LoadPath:
             right = -np.append(balance.force, 0.0)
             solved = self._solved(balance, push, direction, right)
             motion = balance.motion(solved[:-1])
-            largest = max(float(np.abs(motion).max(initial=0.0)), abs(float(solved[-1])))
+            largest = max(numerics.largest(motion), abs(float(solved[-1])))
             share = min(1.0, _LONGEST_CORRECTION / max(largest, numerics.TINY))
             q = system.retracted(system.displaced(point, share * motion))
             factor = factor + share * float(solved[-1]) * self.span
@@ -357,7 +357,7 @@ def _measure(index: int) -> Callable[[CurvePoint], float]:
     def value(state: CurvePoint) -> float:
         if state.is_conservative:
             return float(state.eigenvalues[index])
-        size = max(float(np.abs(state.eigenvalues).max(initial=0.0)), numerics.TINY)
+        size = max(numerics.largest(state.eigenvalues), numerics.TINY)
         return float(np.linalg.det(state.balance.stiffness / size))
 
     return value
@@ -465,7 +465,7 @@ def _named(state: CurvePoint, stiffest: float) -> CriticalPoint:
     U, values, Vt = np.linalg.svd(H)
     left, mode = U[:, -1], Vt[-1]
     exciting = abs(float(left @ state.push))
-    scale = max(float(np.linalg.norm(state.push)), stiffest, numerics.TINY)
+    scale = max(numerics.norm(state.push), stiffest, numerics.TINY)
     # A load without a force along the mode does not excite it: curves cross.
     is_limit = exciting > numerics.NEGLIGIBLE_FORCE * scale
     kind: Kind = "limit" if is_limit else "bifurcation"
@@ -706,7 +706,7 @@ class LoadCurve(Result, LabelledResult):
                     label=label,
                 )
         last = int(np.argmax(np.abs(self.factors)))
-        linear = per * float(np.linalg.norm(self.linear[last, part]))
+        linear = per * numerics.norm(self.linear[last, part])
         if np.isfinite(linear):
             # Only as far as the curve, to keep its scale.
             share = min(1.0, 1.1 * float(size.max()) / max(linear, numerics.TINY))

@@ -194,8 +194,8 @@ class _Iteration:
         if self.met_saddle or self.predicted is None:
             return self.met_saddle
         way = self.system.displacement(self.start, self.point)
-        sizes = [float(np.linalg.norm(each)) for each in (way, self.predicted)]
-        return float(np.linalg.norm(way - self.predicted)) > max(
+        sizes = [numerics.norm(each) for each in (way, self.predicted)]
+        return numerics.norm(way - self.predicted) > max(
             0.5 * max(sizes), numerics.NEGLIGIBLE_DISTANCE
         )
 
@@ -333,7 +333,7 @@ class _Iteration:
 
     def _share(self, step: Array) -> tuple[float, float]:
         """Share of a step that may be taken, and its largest part."""
-        largest = max(float(np.abs(step).max(initial=0.0)), numerics.TINY)
+        largest = max(numerics.largest(step), numerics.TINY)
         turning = max(self.system.turning(self.point.posture, step), numerics.TINY)
         return min(1.0, self.cap / largest, _LARGEST_TURN / turning), largest
 

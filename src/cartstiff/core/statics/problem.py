@@ -206,7 +206,7 @@ class Balance:
     @cached_property
     def merit(self) -> float:
         """Size of all unbalanced forces, each measured by the stiffness of its motion."""
-        return float(np.linalg.norm(self.unbalanced / np.sqrt(self.stiffness_scale)))
+        return numerics.norm(self.unbalanced / np.sqrt(self.stiffness_scale))
 
     @cached_property
     def undecided(self) -> float:
@@ -299,9 +299,9 @@ def _rests_at(elastic: ElasticMechanism, start: MechanismPosture) -> bool:
     elif elastic.has_open_rest:
         return True
     energy, lengths = elastic.evaluate(start), start.coordinate_lengths
-    stiffness = np.abs(energy.hessian * np.outer(lengths, lengths)).max(initial=0.0)
+    stiffness = numerics.largest(energy.hessian * np.outer(lengths, lengths))
     return bool(
-        np.abs(energy.gradient * lengths).max(initial=0.0)
+        numerics.largest(energy.gradient * lengths)
         <= numerics.NEGLIGIBLE_DIFFERENCE * stiffness
     )
 
@@ -638,9 +638,7 @@ class System:
                 float(np.abs(posture.pose[:3, 3]).max()), self._farthest_anchor
             )
             return 1.0 + farthest / posture.length
-        return max(
-            1.0, float(np.abs(posture.q / posture.coordinate_lengths).max(initial=0.0))
-        )
+        return max(1.0, numerics.largest(posture.q / posture.coordinate_lengths))
 
     @cached_property
     def _is_constrained(self) -> bool:
@@ -666,7 +664,7 @@ class System:
         """Largest angle of a step in natural units."""
         if posture.coordinates_are_pose:
             return float(np.abs(step[:3]).max())
-        return float(np.abs(step[self._angles]).max(initial=0.0))
+        return numerics.largest(step[self._angles])
 
     @cached_property
     def _angles(self) -> list[bool]:

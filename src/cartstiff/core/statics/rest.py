@@ -488,7 +488,7 @@ class Equilibrium(Result, LabelledResult):
             return [Note(code, words, values)]
         if curve.reason == "factor-reached":
             end = system.at(curve.q[-1])
-            away = np.abs(system.displacement(end, self._solution.point)).max(initial=0.0)
+            away = numerics.largest(system.displacement(end, self._solution.point))
             if away > numerics.NEGLIGIBLE_DISTANCE:
                 words = (
                     "the loads, put on gradually, lead to another equilibrium than "
@@ -515,7 +515,7 @@ class Equilibrium(Result, LabelledResult):
             return None
         away = np.abs(system.displacement(found._solution.point, self._solution.point))
         differ = abs(found.energy - self.energy)
-        scale = abs(self.energy) + float(np.abs(self.eigenvalues).max(initial=0.0))
+        scale = abs(self.energy) + numerics.largest(self.eigenvalues)
         is_mirror = away.max(initial=0.0) > numerics.NEGLIGIBLE_DISTANCE
         if (
             is_mirror
@@ -644,8 +644,8 @@ class Equilibrium(Result, LabelledResult):
         body = self.posture.motion.jacobian @ (lengths * free)
         body[3:] /= self.posture.length
         return bool(
-            np.abs(body).max(initial=0.0)
-            > numerics.NEGLIGIBLE_DIFFERENCE * np.abs(free).max(initial=0.0)
+            numerics.largest(body)
+            > numerics.NEGLIGIBLE_DIFFERENCE * numerics.largest(free)
         )
 
     @cached_property

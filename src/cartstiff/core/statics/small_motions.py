@@ -121,7 +121,7 @@ def unstable_up_to(balance: Balance) -> float:
         back = np.linalg.inv(np.linalg.qr(balance.free, mode="r"))
         K = back.T @ K @ back
     least = float(np.linalg.eigvalsh(0.5 * (K + K.T))[0])
-    skew = 0.5 * float(np.linalg.norm(K - K.T))
+    skew = 0.5 * numerics.norm(K - K.T)
     return max(-least, 0.0) / skew if skew > 0.0 else np.inf
 
 
@@ -273,7 +273,7 @@ def spectrum_of(
         vectors = left = T @ y
     else:
         squares, vectors, left = _pairs(reduced, T, back)
-        lost = f * numerics.EPSILON * float(np.abs(squares).max(initial=0.0))
+        lost = f * numerics.EPSILON * numerics.largest(squares)
     size = np.abs(vectors)
     cost = np.einsum("ij,ij->j", size, terms @ size)
     squares = np.where(

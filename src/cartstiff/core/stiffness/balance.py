@@ -88,7 +88,7 @@ def _chosen(
     if springs is None or (springs.is_complete and not every):
         return elastic, parts, None
     gradient = carried - sum((p.gradient for p in parts), np.zeros(J.shape[1]))
-    size = float(np.abs(carried).max(initial=0.0))
+    size = numerics.largest(carried)
     chosen = springs.balancing(posture, gradient, size, every)
     if chosen.left is not None:
         raise _unheld(elastic, chosen.left, parts)

@@ -73,7 +73,7 @@ def used_shares(forces: Any, least: Any, most: Any) -> Any:
     one sign, in their middle; 1 at a limit; NaN without limits.
     """
     low, high = np.broadcast_arrays(least, most)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with numerics.silent():
         # Limits of one sign, as of a cable with a least tension, have a middle.
         has_middle = np.isfinite(low + high) & ((low > 0.0) | (high < 0.0))
         middle = np.where(has_middle, 0.5 * (low + high), 0.0)

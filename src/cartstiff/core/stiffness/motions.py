@@ -191,7 +191,7 @@ def _common_root(forms: Array) -> Array | None:
             if np.abs(residual).max() < numerics.NEGLIGIBLE_DIFFERENCE:
                 return x
             x = x - np.linalg.lstsq(2 * images, residual, rcond=numerics.ROUNDOFF)[0]
-            x = x / max(float(np.linalg.norm(x)), numerics.TINY)
+            x = x / max(numerics.norm(x), numerics.TINY)
     return None
 
 
@@ -340,7 +340,7 @@ def _rises(
             nu = closures.forces(columns * (J.T @ u), list(range(len(columns))))
             form = form - problem.closure.curvature(nu / problem.closure_sizes)
         rates = N.T @ (form * columns[:, None] * columns) @ along
-        if float(np.abs(rates).max(initial=0.0)) > least:
+        if numerics.largest(rates) > least:
             return True
     return False
 
@@ -427,9 +427,7 @@ def rank_nearby(
         special.
     """
     way = motions @ np.cos(np.arange(motions.shape[1]) ** 2 + 1.0)
-    way = (
-        posture.coordinate_lengths * way / max(float(np.linalg.norm(way)), numerics.TINY)
-    )
+    way = posture.coordinate_lengths * way / max(numerics.norm(way), numerics.TINY)
     for size in _AWAY:
         try:
             there = mechanism.closed(posture.q + size * way, hold=())

@@ -154,10 +154,7 @@ def indefinite(
         return []
     spectra = [numerics.eigenvalues(M) for M in pair]
     negative = max(
-        (
-            int((x < -numerics.ZERO_SHARE * np.abs(x).max(initial=0.0)).sum())
-            for x in spectra
-        ),
+        (int((x < -numerics.ZERO_SHARE * numerics.largest(x)).sum()) for x in spectra),
         default=0,
     )
     if not negative:
@@ -316,8 +313,8 @@ def nearly_still(posture: MechanismPosture, reduction: Reduction) -> list[Note]:
     J = posture.motion.jacobian * sizes[:, None] * posture.coordinate_lengths
     J = J if reduction.motions is None else J @ reduction.motions
     halves = {
-        "rotation": float(np.linalg.norm(J[:3])),
-        "translation": float(np.linalg.norm(J[3:])),
+        "rotation": numerics.norm(J[:3]),
+        "translation": numerics.norm(J[3:]),
     }
     (half, less), (other, more) = sorted(halves.items(), key=lambda part: part[1])
     share = less / max(more, numerics.TINY)

@@ -90,7 +90,7 @@ def shown_wrench(
     """
     stiffest = 0.0
     if hessian is not None:
-        stiffest = float(np.abs(hessian * (sizes[:, None] * sizes)).max(initial=0.0))
+        stiffest = numerics.largest(hessian * (sizes[:, None] * sizes))
     values = wrench.tolist()
     scaled = [*map(abs, values[:3]), *(length * abs(x) for x in values[3:])]
     roundoff = numerics.ROUNDOFF * max(stiffest, *scaled)

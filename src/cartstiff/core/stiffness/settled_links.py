@@ -115,7 +115,7 @@ def settled(
             )
         # A long step is shortened.
         step, lam = solution[: moving.size], solution[moving.size :] * stiff
-        largest = float(np.abs(step).max(initial=0.0))
+        largest = numerics.largest(step)
         if not np.isfinite(largest):
             break
         move = np.zeros(sizes.size)

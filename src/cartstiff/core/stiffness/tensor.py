@@ -77,7 +77,7 @@ def format_matrix(matrix: Array, row_units: Sequence[str], title: str = "") -> s
     """Matrix as aligned text, one row a line, each row followed by its unit."""
     # One format for the whole matrix, so that columns can be compared at a glance.
     lines = [title] if title else []
-    size = float(np.abs(matrix).max(initial=0.0))
+    size = numerics.largest(matrix)
     for row, unit in zip(matrix, row_units, strict=True):
         least = numerics.ROUNDOFF_OF_SUMS * size
         rounded = [0.0 if abs(x) < least else x for x in row]
@@ -94,7 +94,7 @@ def numbers_text(values: Array) -> str:
 
     Round-off of the largest is printed as 0.
     """
-    least = numerics.PRINTED_AS_ZERO * np.abs(values).max(initial=0.0)
+    least = numerics.PRINTED_AS_ZERO * numerics.largest(values)
     return ", ".join(f"{x if abs(x) > least else 0.0:.4g}" for x in values.tolist())
 
 
@@ -109,7 +109,7 @@ def matrix_html(matrix: Array, block_units: BlockUnits, title: str, order: str) 
     """
     parts = ("rotation", "translation")
     names = parts if order == "angular-linear" else parts[::-1]
-    size = float(np.abs(matrix).max(initial=0.0))
+    size = numerics.largest(matrix)
     rows = [
         (
             names[i // 3],

@@ -137,7 +137,7 @@ class _Joints:
             if gradient.size == acting.size:  # else it acts in the joints
                 acting = acting - gradient.reshape(-1, 6)
         carried = self.beyond(acting)
-        is_open = self.undetermined(float(np.abs(carried).max(initial=0.0)))
+        is_open = self.undetermined(numerics.largest(carried))
         virtual = {self.chain.names[j] for j in self.chain.virtual}
         links = self.chain.tree.links()
         for i, name in enumerate(list(self.chain.tree.model.names)[1:], start=1):

@@ -140,7 +140,7 @@ class MountedStruts(FlexureStruts):
             # The wrench on the struts' ends is W, pulled back to there.
             to_end = at.J[..., self._struts].swapaxes(-1, -2)
             W = solved(to_end, (tensions @ lines.lines)[..., None])[..., 0]
-            moved = np.abs(lines.lengths - before).max(initial=0.0)
+            moved = numerics.largest(lines.lengths - before)
             if not moved > numerics.ROUNDOFF * self.made.max():
                 break
             before = lines.lengths

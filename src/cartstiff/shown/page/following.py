@@ -88,7 +88,7 @@ class Follower:
             stopped = self._beyond(coordinates, np.eye(4), numerics.NEGLIGIBLE_DISTANCE)
         posture = self._mechanism.at(coordinates)
         e = pose_errors(posture.pose[None], T_wanted[None], "none", 1.0)[0]
-        distance, angle = float(np.linalg.norm(e[3:])), float(np.linalg.norm(e[:3]))
+        distance, angle = numerics.norm(e[3:]), numerics.norm(e[:3])
         reached = max(distance / posture.length, angle) <= numerics.NEGLIGIBLE_DISTANCE
         return Followed(coordinates, distance, angle, reached, () if reached else stopped)
 

@@ -153,10 +153,10 @@ def exaggerated(
     mechanism = elastic.mechanism
     before, after = mechanism.at(start), mechanism.at(end)
     step = end - start
-    moved = float(np.linalg.norm((after.pose - before.pose)[:3, 3]))
+    moved = numerics.norm((after.pose - before.pose)[:3, 3])
     if not moved > numerics.ROUNDOFF * size:
         return None
-    turned = float(np.abs(step / before.coordinate_lengths).max(initial=0.0))
+    turned = numerics.largest(step / before.coordinate_lengths)
     if (factor := factor_for(moved, turned, size)) is None:
         return None
     there = start + factor * step
@@ -218,7 +218,7 @@ def drawing(
     if force is not None:
         words.append(f"the red arrow is {force.words}")
         held = HeldForcesShown.of(result)
-        large = float(np.linalg.norm(force.along))
+        large = numerics.norm(force.along)
         force = force._replace(along=_ARROW * size * force.along / large)
         # Forces that drives hold have the arrow's scale, where it is seen then.
         if held.corners is not None:
@@ -266,7 +266,7 @@ def _arrow(
         force = np.array(load.force)
     if not force.any():
         return None
-    much = engineering(float(np.linalg.norm(force)), result.units.force)
+    much = engineering(numerics.norm(force), result.units.force)
     return Arrow(T[:3, :3] @ kind.at + T[:3, 3], force, f"the force of {much}")
 
 

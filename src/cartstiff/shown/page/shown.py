@@ -559,7 +559,7 @@ def displacement_under_load(result: PostureStiffness, state: ViewState) -> float
     found = _deflection(result, state, Notes())
     if found is None or not result._resists:
         return None
-    return float(np.linalg.norm(found.whole.displacement))
+    return numerics.norm(found.whole.displacement)
 
 
 def moved_part(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
@@ -640,8 +640,8 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     deflection: list[float] | None = None
     turn: list[float] | None = None
     if moved is not None:
-        deflection = [float(np.linalg.norm(moved.whole.displacement))]
-        turn = [float(np.linalg.norm(moved.whole.twist[:3]))]
+        deflection = [numerics.norm(moved.whole.displacement)]
+        turn = [numerics.norm(moved.whole.twist[:3])]
     energy = plain(result.energy)
     return {
         "q": result.q.tolist(),

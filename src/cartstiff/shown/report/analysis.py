@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from cartstiff.answer.data import Answer, Quantity, said
 from cartstiff.answer.equilibrium import answer_of_equilibrium
 from cartstiff.answer.full_analysis import analysis_tables
@@ -112,9 +110,7 @@ def _potential_of_loads(result: PostureStiffness) -> float:
     for term in result.elastic.parted_terms()[1]:
         energy, gradient, _ = term.evaluate(result.posture)
         total += energy
-        works += float(
-            np.abs(gradient * result.posture.coordinate_lengths).max(initial=0.0)
-        )
+        works += numerics.largest(gradient * result.posture.coordinate_lengths)
     return total * (abs(total) > numerics.PRINTED_AS_ZERO * works)
 
 

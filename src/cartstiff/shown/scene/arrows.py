@@ -173,19 +173,19 @@ class DeflectionPicture:
         if force is not None and (aside := _aside(along, factor, *force)) is not None:
             start = start + aside
         self._arrow.draw(along, start, unit, lambda size: factor * size, labels)
-        turn = float(np.linalg.norm(twist[:3]))
+        turn = numerics.norm(twist[:3])
         return {
             "exaggeration": factor,
             "twist": twist.tolist(),
-            "displacement": float(np.linalg.norm(moved)),
+            "displacement": numerics.norm(moved),
             "rotation": turn,
             "unit": unit,
         }
 
     def _factor(self, twist: Array) -> float:
         """A factor that makes the motion visible; a larger motion is drawn larger."""
-        along = float(np.linalg.norm(twist[3:])) / (LONGEST_ARROW * self._size)
-        turn = float(np.linalg.norm(twist[:3])) / _TURN
+        along = numerics.norm(twist[3:]) / (LONGEST_ARROW * self._size)
+        turn = numerics.norm(twist[:3]) / _TURN
         largest = max(along, turn)
         return self._scale.length(largest) / largest if 0.0 < largest < np.inf else 0.0
 
@@ -200,7 +200,7 @@ def _aside(along: Array, factor: float, force: Array, length: float) -> Array | 
     """Shift (3,) of an arrow ``factor along`` that one of that length along a
     force covers.
     """
-    size, other = float(np.linalg.norm(along)), float(np.linalg.norm(force))
+    size, other = numerics.norm(along), numerics.norm(force)
     if not along @ force > _ALONG * size * other:
         return None
     x, y, z = along.tolist()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from math import inf
 
-import numpy as np
-
 from cartstiff.core import numerics
 from cartstiff.core.errors import CartstiffError
 from cartstiff.core.geometry.se3 import Array
@@ -51,8 +49,8 @@ def turned_by(mechanism: Mechanism, step: Array, lengths: Array) -> float:
     over `lengths`.
     """
     if mechanism.coordinates_are_pose:
-        return float(np.linalg.norm(step[:3]))
-    return float(np.abs(step / lengths).max(initial=0.0))
+        return numerics.norm(step[:3])
+    return numerics.largest(step / lengths)
 
 
 def posture_after(mechanism: Mechanism, q: Array, step: Array) -> MechanismPosture | None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff.core import numerics
 from cartstiff.core.errors import UnknownNameError
 from cartstiff.core.geometry.se3 import Array
 from cartstiff.shown.scene import objects, theme
@@ -71,7 +72,7 @@ class Environment:
     """
 
     def __init__(self, node: ViewerNode, points: Array, unit: str) -> None:
-        self.size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+        self.size = numerics.norm(np.ptp(points, axis=0)) or 1.0
         self.scale = scene_units(self.size, unit)
         self._points = points
         self._unit = unit
@@ -159,7 +160,7 @@ class Environment:
             raise UnknownNameError("view", preset, ("fit", "home", *PRESETS))
         direction = np.array(PRESETS[name])
         direction /= np.linalg.norm(direction)
-        across = float(np.linalg.norm(self._high - self._low)) or self.size
+        across = numerics.norm(self._high - self._low) or self.size
         distance = (0.1 + 0.48 / np.tan(np.radians(_FIELD_OF_VIEW) / 2.0)) * across
         eye = self.scale * distance * direction
         # The viewer's camera lives in a frame with y up.

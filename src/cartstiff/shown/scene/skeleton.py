@@ -89,9 +89,7 @@ def _origins(chain: Chain) -> list[Array]:
 
 
 def _size(origins: list[Array]) -> float:
-    return max(
-        numerics.NEGLIGIBLE_DIFFERENCE, *(float(np.linalg.norm(p)) for p in origins)
-    )
+    return max(numerics.NEGLIGIBLE_DIFFERENCE, *(numerics.norm(p) for p in origins))
 
 
 def _free(chain: Chain) -> set[int]:

@@ -151,7 +151,7 @@ def linear_fit(
     unknown = np.flatnonzero(~seen.is_known)
     for g in unknown:
         floor[g] = _roundoff(target[group == g])
-        scales[g] = max(float(np.abs(target[group == g]).max(initial=0.0)), numerics.TINY)
+        scales[g] = max(numerics.largest(target[group == g]), numerics.TINY)
     h = np.zeros(m)
     for _ in range(_MAX_SCALE_STEPS):
         deviation = unit * scales[group]
@@ -367,7 +367,7 @@ def _descended(
         return np.append(r - Q @ (Q.T @ r), weak @ (z - start))
 
     def jacobian(z: Array) -> Array:
-        report(float(np.linalg.norm(residual(z))))
+        report(numerics.norm(residual(z)))
         J = evaluate(z * sizes)[1] * weight[:, None]
         return np.vstack([(J - Q @ (Q.T @ J)) * sizes, weak])
 
@@ -574,4 +574,4 @@ def _least_cauchy(plain: Fit, seen: Observations) -> tuple[Array, Array]:
 
 def _roundoff(target: Array) -> float:
     """Least scatter of numbers: that of an exact fit."""
-    return max(numerics.ROUNDOFF * float(np.abs(target).max(initial=0.0)), numerics.TINY)
+    return max(numerics.ROUNDOFF * numerics.largest(target), numerics.TINY)

@@ -158,7 +158,7 @@ def checked(model: Model, fit: Fit, kept: NDArray[np.bool_]) -> Checks:
         chi,
         freedom,
         probability,
-        float(np.linalg.norm(r[kept])) / max(float(np.linalg.norm(rigid)), numerics.TINY),
+        numerics.norm(r[kept]) / max(numerics.norm(rigid), numerics.TINY),
     )
 
 

@@ -912,7 +912,7 @@ def _directions(
     size = np.linalg.norm(directions, axis=1)
     bad = ~np.isnan(values["d"]) & ~(size > 0.0)
     _refuse(bad, cells, "the dial gauge has no direction", "nx, ny, nz, not all zero")
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with numerics.silent():
         return directions / size[:, None]
 
 

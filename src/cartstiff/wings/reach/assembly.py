@@ -597,9 +597,7 @@ def _of_chain(
     held = list(chain.actuated)
     q = chain.assembled(q)
     closed, places = closed_from(elastic, chain, q, int(starts), seed, progress)
-    order = sorted(
-        range(len(closed)), key=lambda i: float(np.linalg.norm(places[i] - places[0]))
-    )
+    order = sorted(range(len(closed)), key=lambda i: numerics.norm(places[i] - places[0]))
     listed = tuple(
         AssemblyMode(result, _gap(result))
         for result in (stiffness(closed[i]) for i in order[: None if every else 1])
@@ -611,4 +609,4 @@ def _of_chain(
 
 def _gap(result: PostureStiffness) -> float:
     residual = result.posture.residual
-    return 0.0 if residual is None else float(np.abs(residual).max(initial=0.0))
+    return 0.0 if residual is None else numerics.largest(residual)

@@ -230,7 +230,7 @@ def follow(
         good &= np.isfinite(_norms(third))
         x[running[good]] = (third / _norms(third)[:, None])[good]
         t[running[good]] = (at - h)[good]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with numerics.silent():
             factor = np.clip(0.9 * (miss / missed) ** 0.2, 0.2, 3.0)
         factor = np.where(good, factor, np.minimum(np.nan_to_num(factor, nan=0.2), 0.5))
         step[running] = h * factor

@@ -968,7 +968,7 @@ def inscribed(
 
         def less(place: Array) -> float:
             margin = room(place, few, sizes)
-            return float(np.linalg.norm(place)) if margin is None else -margin
+            return numerics.norm(place) if margin is None else -margin
 
         inner = positions.first.min() or 0.1 * reach
         simplex = np.vstack([np.zeros(3), np.eye(3) * max(inner, 0.02 * reach)])
@@ -1045,9 +1045,9 @@ def singular_around(
     shift = nearest_singular(signed, pose, length, np.pi * length, range(3, 6), few)
     return Singular(
         surface,
-        None if x is None else float(np.linalg.norm(x)),
+        None if x is None else numerics.norm(x),
         None if x is None else around(pose, x[None, :3] / length, x[None, 3:])[0],
-        None if shift is None else float(np.linalg.norm(shift)),
+        None if shift is None else numerics.norm(shift),
         length,
     )
 

@@ -174,7 +174,7 @@ class LoadedPostures:
         known &= values[:, 0] >= -numerics.ROUNDOFF * values[:, -1]
         twists = np.where(known[:, None], np.einsum("nij,nj->ni", C, wrench), np.nan)
         moved = twists[:, 3:] + np.cross(twists[:, :3], self.point)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with numerics.silent():
             condition = numerics.condition(values)
         return Measures(
             np.linalg.norm(moved, axis=1),
@@ -257,7 +257,7 @@ class LoadedPostures:
             T[:3, :3] @ self.point + T[:3, 3]
             for T in (self.elastic.mechanism.at(q).pose, state.pose)
         )
-        return None if state.stable is False else float(np.linalg.norm(after - before))
+        return None if state.stable is False else numerics.norm(after - before)
 
     def read(self, q: Array) -> dict[str, float | None]:
         """The condition number and the least stiffness against a force,

@@ -133,7 +133,7 @@ class CompensatedPath(LabelledResult):
                 size = np.linalg.norm(columns, axis=1)
                 report[name] |= {
                     f"{part}_max": float(size.max(initial=0.0)),
-                    f"{part}_rms": float(np.linalg.norm(size)) / max(len(size), 1) ** 0.5,
+                    f"{part}_rms": numerics.norm(size) / max(len(size), 1) ** 0.5,
                 }
         return report
 
@@ -557,7 +557,7 @@ class _Point:
         if posture.closure is not None:
             N = decomposed(posture.closure, columns).N
             left, carried = N.T @ left, np.abs(N).T @ carried
-        unbalanced = float(np.abs(left).max(initial=0.0))
+        unbalanced = numerics.largest(left)
         stiffest = float(np.abs(acting.hessian * np.outer(columns, columns)).max())
         shares = (
             numerics.REPORTED_ERROR * carried.max(initial=0.0),

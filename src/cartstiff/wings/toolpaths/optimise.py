@@ -792,7 +792,7 @@ class PathCost:
             jacobian = np.linalg.pinv(np.array(lines))
         ratio, side = self._regularity(jacobian, lengths)
         smaller = self.quantity.better == "smaller"
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with numerics.silent():
             cost = value if smaller else np.where(value > 0, 1.0 / value, np.inf)
         cost = np.where(np.isfinite(cost) & (value >= 0), cost, np.inf)
         for name, x in self.strength(q, points, [*self.kept]).items():
@@ -838,7 +838,7 @@ class PathCost:
         finite = np.isfinite(scaled).all(axis=(1, 2))
         scaled = np.where(finite[:, None, None], scaled, 0.0)
         values = np.linalg.svd(scaled, compute_uv=False)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with numerics.silent():
             ratio = np.where(finite, values[:, rank - 1] / values[:, 0], 0.0)
         side = np.zeros(len(ratio))
         if scaled.shape[2] == rank and rank > 0:
@@ -1105,7 +1105,7 @@ class OptimisedPath(LabelledResult):
             "summary": self.summary(),
             "configuration": {
                 "kept": self.off_singular,
-                "largest_step": float(np.abs(self.steps).max(initial=0.0)),
+                "largest_step": numerics.largest(self.steps),
                 "near": self.nearby,
                 "message": self.configuration,
             },
@@ -1595,7 +1595,7 @@ class _Search:
             pose = self.cost.path.poses[point]
             excess = self.solver.beyond_limits(self.grid.targets(pose), self.grid.task)
             if excess is None:
-                away = float(np.linalg.norm(pose[:3, 3]))
+                away = numerics.norm(pose[:3, 3])
                 far = f": it is {away:.4g} away. Millimetres? Say x [mm] in the head"
                 words = far if away > _FAR_LENGTHS * self.solver.length else ""
                 return UndefinedError(

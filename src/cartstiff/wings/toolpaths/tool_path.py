@@ -185,10 +185,10 @@ def _rows(value: ArrayLike, m: int, width: int, what: str) -> Array:
 def _least_turn(a: Array, b: Array) -> Array:
     """Return the rotation by the smallest angle that takes one unit vector to another."""
     axis = np.cross(a, b)
-    sine, cosine = float(np.linalg.norm(axis)), float(a @ b)
+    sine, cosine = numerics.norm(axis), float(a @ b)
     angle = np.arctan2(sine, cosine)
     if sine < numerics.ROUNDOFF:  # equal or opposite: half a turn about any normal axis
         axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-        sine = float(np.linalg.norm(axis))
+        sine = numerics.norm(axis)
     turn: Array = se3.exp(np.concatenate([axis / sine * angle, np.zeros(3)]))[:3, :3]
     return turn
