@@ -18,12 +18,11 @@ from numpy.typing import ArrayLike
 
 from cartstiff.answer.held_forces import HeldForces, drive_rows, held_forces
 from cartstiff.core import numerics
-from cartstiff.core.arrays import Result, checked_length
+from cartstiff.core.arrays import Array, Result, checked_length
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import CartstiffError, InputError, UndefinedError
 from cartstiff.core.figures import draw_bars, new_figure
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
@@ -35,14 +34,13 @@ from cartstiff.core.statics.held import displacement_between
 from cartstiff.core.statics.problem import System, refuse_springs_far_apart
 from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN
 from cartstiff.core.stiffness.balance import with_rest_balancing
-from cartstiff.core.stiffness.compute import analyse, analyse_at
+from cartstiff.core.stiffness.compute import PostureStiffness, analyse, analyse_at
 from cartstiff.core.stiffness.forces import (
     drive_limits,
     forces_of,
     rigid_torques,
     used_shares,
 )
-from cartstiff.core.stiffness.posture import PostureStiffness
 from cartstiff.core.stiffness.settled_links import settled
 
 if TYPE_CHECKING:

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import checked_number
+from cartstiff.core.arrays import Array, checked_number
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError, check_name, checked_kind
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.notes import Note
 from cartstiff.core.potentials.springs import Springs

@@ -28,7 +28,7 @@ from cartstiff.answer.posture import (
 )
 from cartstiff.answer.strength import strength_at_rest
 from cartstiff.answer.verdict import Level, Verdict
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 
 if TYPE_CHECKING:
     from cartstiff.core.statics.rest import Equilibrium

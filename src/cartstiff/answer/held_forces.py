@@ -24,12 +24,12 @@ from typing import NamedTuple
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.core.stiffness.forces import drive_limits
 from cartstiff.core.stiffness.motions import decompose
-from cartstiff.core.stiffness.posture import PostureStiffness
 
 #: Largest number of normals: those of 14 cables that hold six freedoms.
 MOST_NORMALS = 2002

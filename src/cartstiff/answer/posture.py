@@ -41,9 +41,9 @@ from cartstiff.answer.data import (
 from cartstiff.answer.strength import strength_statements
 from cartstiff.answer.verdict import UNRESOLVED, Verdict, decide, facts_of
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import CartstiffError, UndefinedError
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.gravity_loads import gravity_loads
 from cartstiff.core.mechanisms.limits import Limits

@@ -12,9 +12,9 @@ import numpy as np
 import pinocchio as pin
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import check_name
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.files.plain_joints import primitive
 
 #: Virtual joints of a link with a 6x6 spring, in order: name suffix and kind.

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.units import Units, convert_length
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import Coordinate
 
 # Successive one-coordinate joints that replace joints with several coordinates, in the

@@ -22,6 +22,7 @@ import numpy as np
 import pinocchio as pin
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.choices import LARGEST_INPUT
 from cartstiff.core.errors import InputError, check_name
 from cartstiff.core.geometry import se3
@@ -141,7 +142,7 @@ class _Robot:
         self.carrier: dict[str, tuple[str, str]] = {}
         self.springs: dict[str, FileSpring] = {}
         self.mimics: Followers = {}
-        self.planar_axes: dict[str, se3.Array] = {}
+        self.planar_axes: dict[str, Array] = {}
         self.closures: list[FileClosure] = []
         self.actuated: set[str] = set()
         self.efforts: dict[str, tuple[float, float]] = {}
@@ -167,7 +168,7 @@ class _Robot:
             return frozenset(self.joints)
         return frozenset(set[str].union(*paths) - set[str].intersection(*paths))
 
-    def at_zero(self, link: str) -> se3.Array:
+    def at_zero(self, link: str) -> Array:
         """Pose of a link in the root with all joints at zero."""
         T = np.eye(4)
         while link in self.carrier:
@@ -477,8 +478,8 @@ class _Robot:
         self,
         kind: Literal["point", "weld", "hinge", "universal"],
         links: Sequence[str],
-        T_a: se3.Array,
-        T_b: se3.Array,
+        T_a: Array,
+        T_b: Array,
     ) -> None:
         a, b = links
         self.closures.append(FileClosure(kind, a, b, T_a, T_b, self.between(links)))
@@ -624,7 +625,7 @@ def _local(tag: str) -> str:
     return tag.rpartition("}")[2]
 
 
-def _shift(point: Sequence[float]) -> se3.Array:
+def _shift(point: Sequence[float]) -> Array:
     return se3.pose(translation=point)
 
 
@@ -636,7 +637,7 @@ def _floats(element: ET.Element | None, key: str, otherwise: str) -> list[float]
     ]
 
 
-def _placed(origin: ET.Element | None) -> se3.Array:
+def _placed(origin: ET.Element | None) -> Array:
     """Pose of an `origin` that has been checked."""
     return se3.from_roll_pitch_yaw(
         *(_floats(origin, key, "0 0 0") for key in ("xyz", "rpy"))

@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import checked_array, checked_pose, checked_vector
+from cartstiff.core.arrays import Array, checked_array, checked_pose, checked_vector
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.chain import Chain, ChainPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.notes import Note

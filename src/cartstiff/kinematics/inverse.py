@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
 from cartstiff.core.arrays import (
+    Array,
     checked_array,
     checked_flag,
     checked_pose,
@@ -17,10 +18,8 @@ from cartstiff.core.arrays import (
 )
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError, check_name
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.kinematics.joint_poses import Free as Free
-from cartstiff.kinematics.joint_poses import JointPoses, PlatformPoses
+from cartstiff.kinematics.joint_poses import Free, JointPoses, PlatformPoses
 from cartstiff.kinematics.legs import Branches, Search, legs_of, searched, working_modes
 
 #: Bound on the listed combinations of the legs' solutions, the nearest to the first

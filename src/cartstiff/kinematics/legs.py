@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.chain import Chain, Closure
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.tree import FixedFrame, part_of

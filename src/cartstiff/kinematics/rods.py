@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.kinematics.leg_shapes import LegShape
 from cartstiff.kinematics.legs import Leg
 

@@ -21,7 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array, skew_of
+from cartstiff.core.arrays import Array
+from cartstiff.core.geometry.se3 import skew_of
 from cartstiff.core.numerics import EPSILON, NEAR_SINGULARITY, REPORTED_ERROR
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,

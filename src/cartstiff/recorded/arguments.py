@@ -10,9 +10,8 @@ import numpy as np
 from numpy.lib.array_utils import byte_bounds
 from numpy.typing import ArrayLike
 
-from cartstiff.core.arrays import checked_input, overlap
+from cartstiff.core.arrays import Array, checked_input, overlap
 from cartstiff.core.errors import InputError, UnknownNameError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.matrix_names import OF_MANY
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.recorded.tape import Arrays

@@ -8,7 +8,7 @@ from math import inf
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.closures import LONGEST_STEP
 from cartstiff.recorded.algebra import PLAIN
 from cartstiff.recorded.closed_chains import STEPS, Closings, is_shut

@@ -49,7 +49,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.matrix_names import OF_MANY
 from cartstiff.core.mechanisms.limits import MAX_WIND_UP
 from cartstiff.core.mechanisms.tree import KinematicTree

@@ -48,8 +48,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import ConvergenceError
-from cartstiff.core.geometry.se3 import Array, skew_of
+from cartstiff.core.geometry.se3 import skew_of
 from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.closures import LONGEST_STEP
 from cartstiff.core.mechanisms.elastic import ElasticMechanism

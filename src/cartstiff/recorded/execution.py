@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.recorded.arguments import address_of, aligned_empty
 from cartstiff.recorded.tape import Arrays, Program
 from cartstiff.recorded.vector_code import (

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import ConvergenceError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.closures import ReferencePosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism

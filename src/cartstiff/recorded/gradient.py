@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array, skew_of
+from cartstiff.core.arrays import Array
+from cartstiff.core.geometry.se3 import skew_of
 from cartstiff.recorded.algebra import PLAIN, given_wrench, zeros
 from cartstiff.recorded.chains import ChainCase, joint_positions, recorded_tree
 from cartstiff.recorded.closed_chains import gaps

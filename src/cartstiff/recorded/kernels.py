@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.numerics.threads import process_lock
 from cartstiff.recorded.algebra import FALLBACK, PLAIN

@@ -13,10 +13,9 @@ from typing import Any, ClassVar, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.core.arrays import NamedArrays, checked_array
+from cartstiff.core.arrays import Array, NamedArrays, checked_array
 from cartstiff.core.errors import InputError
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.matrix_names import OF_MANY
 from cartstiff.core.mechanisms.chain import Chain
@@ -38,10 +37,9 @@ from cartstiff.core.potentials.link_springs import CoupledSprings
 from cartstiff.core.potentials.springs import Springs
 from cartstiff.core.stiffness.applied_load import Axes, LoadKind, wrench_in_body
 from cartstiff.core.stiffness.balance import balanced, with_rest_balancing
-from cartstiff.core.stiffness.compute import analyse
+from cartstiff.core.stiffness.compute import PostureStiffness, analyse
 from cartstiff.core.stiffness.forces import force_notes
 from cartstiff.core.stiffness.motions import scaled_values, values_of_closed, values_on
-from cartstiff.core.stiffness.posture import PostureStiffness
 from cartstiff.core.stiffness.posture_notes import indefinite, near_serial, near_type_2
 from cartstiff.core.stiffness.reduction import Reduction
 from cartstiff.recorded.tape import Arrays

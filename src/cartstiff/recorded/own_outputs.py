@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError, UnknownNameError
 from cartstiff.core.geometry.connections import Connection
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.recorded.algebra import PLAIN, changed_compliance, limited
 from cartstiff.recorded.arguments import EVERY_OUTPUT
 from cartstiff.recorded.quantities import Quantity, Settings

@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.closures import ReferencePosture
 from cartstiff.core.mechanisms.contract import Mechanism

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.limits import MAX_RELATIVE_DEFLECTION
 from cartstiff.core.mechanisms.platform import Struts
 from cartstiff.core.potentials.line_springs import lines_of_many, second_derivative

@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import (
     ConvergenceError,
     InputError,
     UndefinedError,
     UnknownNameError,
 )
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.matrix_names import OF_MANY
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.numerics import BALANCE_TOLERANCE, RANK, ROUNDOFF

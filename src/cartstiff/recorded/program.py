@@ -21,11 +21,10 @@ from typing import Any, Literal, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.core.arrays import checked_input, fixed
+from cartstiff.core.arrays import Array, checked_input, fixed
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError, UndefinedError, check_name
 from cartstiff.core.geometry.connections import Connection
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,

@@ -24,9 +24,8 @@ from cartstiff.answer.analysis.ellipsoids import Freedom, Others
 from cartstiff.answer.analysis.matrices import ROTATION, TRANSLATION, UNITS
 from cartstiff.answer.analysis.metrics import characteristic_length
 from cartstiff.answer.vibration.response import Damping
-from cartstiff.core.arrays import checked_input, checked_unit
+from cartstiff.core.arrays import Array, checked_input, checked_unit
 from cartstiff.core.errors import InputError, UnknownNameError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.matrix_names import OF_MANY
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.applied_load import LoadKind, wrench_in_body

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.elastic import ElasticMechanism

@@ -33,7 +33,7 @@ import numpy as np
 from cartstiff.answer.analysis.ellipsoids import Freedom, Others, is_direct
 from cartstiff.answer.vibration.response import Damping
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.platform import Platform

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from threading import Thread
 
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.applied_load import Axes, LoadKind
 from cartstiff.core.stiffness.compute import PostureStiffness

@@ -21,7 +21,7 @@ import numpy as np
 
 from cartstiff.answer.held_forces import drive_rows, motions_of_loops
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.forces import drive_limits
 from cartstiff.recorded.tape import absolute, larger, pick

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array, skew_of
+from cartstiff.core.geometry.se3 import skew_of
 from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.tree import KinematicTree
 from cartstiff.recorded.algebra import cross, is_zero, zeros

@@ -31,8 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import Mechanism
 from cartstiff.core.potentials.beams import SERIES, Beam, Section
 from cartstiff.core.potentials.contract import Potential, alike

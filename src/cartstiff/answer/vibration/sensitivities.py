@@ -26,7 +26,7 @@ from cartstiff.core.errors import InputError, UndefinedError, checked_kind
 from cartstiff.core.figures import draw_bars, new_axes, new_figure
 from cartstiff.core.results import LabelledResult
 from cartstiff.core.statics.rest import Equilibrium
-from cartstiff.core.stiffness.posture import PostureStiffness
+from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.core.stiffness.tensor import COMPONENTS
 
 MATRICES = ("A", "B", "K", "F")

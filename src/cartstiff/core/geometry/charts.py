@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import is_pose, real_array
+from cartstiff.core.arrays import Array, is_pose, real_array
 from cartstiff.core.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.connections import Connection, flat
 from cartstiff.core.geometry.differences import jacobian
-from cartstiff.core.geometry.se3 import Array
 
 # A chart is singular where the basis matrix has lost ten digits: results have six digits
 # at best.

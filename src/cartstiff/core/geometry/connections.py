@@ -22,12 +22,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import checked_array, checked_matrix, real_array
+from cartstiff.core.arrays import Array, checked_array, checked_matrix, real_array
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.differences import STEP, derivative
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.matrix_names import MATRICES
 
 # Laws are judged on the symbols' own scale; 1e-12 leaves four digits for rounding.

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 
 # Eighth-order central differences: with a step of 2e-2 of the argument's natural unit the
 # truncation (step^8 times a ninth derivative over 630) and the rounding are both near

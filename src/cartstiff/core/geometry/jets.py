@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 
 # Series of the arc tangent of recorded numbers, exact to round-off up to 0.2.
 _ARC_TANGENT = [(-1.0) ** k / (2 * k + 1) for k in range(12)]

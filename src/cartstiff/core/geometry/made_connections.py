@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import checked_array, checked_matrix
+from cartstiff.core.arrays import Array, checked_array, checked_matrix
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.connections import Connection, from_symbols
-from cartstiff.core.geometry.se3 import Array
 
 # Linearity is judged at twists of these sizes; maps that were found by differences of
 # numbers keep half of their digits.

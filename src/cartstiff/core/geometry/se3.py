@@ -18,10 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import Array as Array
+from cartstiff.core.arrays import Array, real_array
 from cartstiff.core.arrays import is_pose as is_pose
-from cartstiff.core.arrays import read_only as read_only
-from cartstiff.core.arrays import real_array
 from cartstiff.core.errors import InputError
 
 ANGULAR_LINEAR: Final = "angular-linear"

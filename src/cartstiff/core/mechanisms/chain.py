@@ -21,10 +21,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.core.arrays import is_pose, read_only
+from cartstiff.core.arrays import Array, is_pose, read_only
 from cartstiff.core.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.clearances import clearances
 from cartstiff.core.mechanisms.closures import (

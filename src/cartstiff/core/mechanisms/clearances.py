@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.contract import Quantities
 
 #: Ends (..., m, 3) in F of straight rods: those at the ground, and those at the body.

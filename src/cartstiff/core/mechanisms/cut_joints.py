@@ -11,8 +11,8 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
+from cartstiff.core.arrays import Array
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.potentials.contract import Evaluation, SecondOrderMap
 
 

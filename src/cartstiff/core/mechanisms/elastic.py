@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.core.arrays import (
+    Array,
     checked_number,
     checked_reach,
     checked_vector,
@@ -25,7 +26,6 @@ from cartstiff.core.errors import (
     check_name,
     checked_kind,
 )
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.core.mechanisms.given_springs import (

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.contract import Mechanism
 from cartstiff.core.mechanisms.elastic import ElasticMechanism

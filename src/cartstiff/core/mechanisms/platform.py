@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
 from cartstiff.core.arrays import (
+    Array,
     checked_array,
     checked_pose,
     checked_vector,
@@ -43,7 +44,6 @@ from cartstiff.core.errors import (
     UnknownNameError,
 )
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.clearances import clearances, tilts
 from cartstiff.core.mechanisms.contract import (
@@ -58,15 +58,12 @@ from cartstiff.core.potentials.contract import (
     IDENTITY,
     POSE,
     Evaluation,
+    LineGeometry,
     Number,
     SecondOrderMap,
     rescaled,
 )
-from cartstiff.core.potentials.line_springs import (
-    LineGeometry,
-    line_geometry,
-    second_derivative,
-)
+from cartstiff.core.potentials.line_springs import line_geometry, second_derivative
 from cartstiff.core.potentials.loads import DeadForce, held_force
 from cartstiff.core.units import SI, Units
 

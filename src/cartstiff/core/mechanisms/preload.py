@@ -14,7 +14,7 @@ from itertools import compress
 
 import numpy as np
 
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.notes import Note
 from cartstiff.core.potentials.springs import Springs

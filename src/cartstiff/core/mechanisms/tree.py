@@ -22,9 +22,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError, UnknownNameError
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import SWAP, Array
+from cartstiff.core.geometry.se3 import SWAP
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.contract import Coordinate
 from cartstiff.core.potentials.contract import (

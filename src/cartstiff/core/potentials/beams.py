@@ -30,8 +30,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array, read_only
 from cartstiff.core.geometry.jets import Jet, variables
-from cartstiff.core.geometry.se3 import Array, read_only
 from cartstiff.core.notes import Note
 from cartstiff.core.potentials.contract import (
     BEAM,

@@ -16,9 +16,8 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
-from cartstiff.core.arrays import read_only
+from cartstiff.core.arrays import Array, read_only
 from cartstiff.core.errors import InputError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.notes import Note
 
 

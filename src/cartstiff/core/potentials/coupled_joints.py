@@ -13,9 +13,8 @@ from typing import Self
 
 import numpy as np
 
-from cartstiff.core.arrays import checked_array
+from cartstiff.core.arrays import Array, checked_array
 from cartstiff.core.errors import InputError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.potentials.contract import (
     Evaluation,

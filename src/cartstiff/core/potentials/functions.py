@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
 from cartstiff.core.arrays import (
+    Array,
     checked_array,
     checked_matrix,
     checked_vector,
@@ -20,7 +21,6 @@ from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.differences import STEP, gradient_and_hessian
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.potentials.contract import (
     Evaluation,
     PosePotential,

@@ -12,9 +12,8 @@ from typing import Self
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import checked_array, read_only
+from cartstiff.core.arrays import Array, checked_array, read_only
 from cartstiff.core.errors import InputError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.potentials.contract import Evaluation, Number, Posture, key_of_law
 from cartstiff.core.potentials.spring_laws import PolynomialLaw

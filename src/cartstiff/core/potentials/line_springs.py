@@ -19,21 +19,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import checked_array, read_only, real_array
+from cartstiff.core.arrays import Array, checked_array, read_only, real_array
 from cartstiff.core.errors import InputError, UndefinedError
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.notes import Note
 from cartstiff.core.potentials.contract import (
     Drawn,
     Evaluation,
+    LineGeometry,
     Named,
     Number,
     PosePotential,
     Posture,
     pulled_back,
 )
-from cartstiff.core.potentials.contract import LineGeometry as LineGeometry
 from cartstiff.core.potentials.springs import Chosen, Springs
 from cartstiff.core.potentials.tensions import (
     Bounds,

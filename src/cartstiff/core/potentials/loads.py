@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
 from cartstiff.core.arrays import (
+    Array,
     checked_array,
     checked_number,
     checked_reach,
@@ -39,7 +40,6 @@ from cartstiff.core.arrays import (
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.potentials.contract import (
     DeadLoad,
     Evaluation,

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cartstiff.core.arrays import Array
 from cartstiff.core.geometry.jets import Jet, cosines_of, sines_of, stacked, variables
-from cartstiff.core.geometry.se3 import Array
 
 # Below this w, 0.6 rad, the series of asin(sqrt w) / sqrt(w (1 - w)) is exact to
 # rounding.

@@ -8,9 +8,8 @@ from typing import Any, Literal
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import real_array
+from cartstiff.core.arrays import Array, real_array
 from cartstiff.core.errors import InputError, check_name
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.potentials.springs import Corner, SpringLaw
 

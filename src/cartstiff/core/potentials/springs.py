@@ -13,8 +13,8 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.potentials.contract import Named, Number, Parts, Posture, Potential
 
 

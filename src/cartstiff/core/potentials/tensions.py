@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.numerics.shortest import shortest_above
 
 #: Largest tension that keeps other cables taut, over the largest tension without that

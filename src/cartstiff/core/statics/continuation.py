@@ -25,11 +25,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import Result, csv_text, plain_dict
+from cartstiff.core.arrays import Array, Result, csv_text, plain_dict
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.core.figures import new_axes
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.mechanisms.gravity_loads import GravityLoads, gravity_loads

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import checked_flag
+from cartstiff.core.arrays import Array, checked_flag
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import ConvergenceError, InputError, UndefinedError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.notes import Note
 from cartstiff.core.potentials.contract import Potential
@@ -35,9 +34,7 @@ from cartstiff.core.statics.problem import (
     bounded,
     contact_limits,
 )
-from cartstiff.core.statics.rest import MAX_CURVE_POINTS, state_of_rest
-from cartstiff.core.statics.rest import Equilibrium as Equilibrium
-from cartstiff.core.statics.rest import Reactions as Reactions
+from cartstiff.core.statics.rest import MAX_CURVE_POINTS, Equilibrium, state_of_rest
 from cartstiff.core.statics.small_motions import divergence
 from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN, checked_load
 

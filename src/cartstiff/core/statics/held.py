@@ -17,10 +17,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.core.arrays import checked_number, is_pose, real_array
+from cartstiff.core.arrays import Array, checked_number, is_pose, real_array
 from cartstiff.core.errors import InputError, check_name, checked_kind
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.potentials.contract import SecondOrderMap
 from cartstiff.core.units import Units

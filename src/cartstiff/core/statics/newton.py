@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.choices import LARGEST_INPUT
 from cartstiff.core.errors import ConvergenceError, UndefinedError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.statics.held import COMPONENTS
 from cartstiff.core.statics.problem import (
     Balance,

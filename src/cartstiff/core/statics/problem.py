@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import ConvergenceError, InputError
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism

@@ -18,10 +18,9 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import Result, fixed, read_only
+from cartstiff.core.arrays import Array, Result, fixed, read_only
 from cartstiff.core.described import described
 from cartstiff.core.errors import ConvergenceError, UndefinedError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.gravity_loads import gravity_loads

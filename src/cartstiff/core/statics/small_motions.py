@@ -37,7 +37,7 @@ from typing import Literal
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.notes import Note
 from cartstiff.core.numerics import FREE_MOTION_STIFFNESS

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.core.arrays import (
+    Array,
     checked_input,
     checked_reach,
     checked_vector,
@@ -41,7 +42,6 @@ from cartstiff.core.geometry.connections import (
     Connection,
     turning_symbols,
 )
-from cartstiff.core.geometry.se3 import Array
 
 if TYPE_CHECKING:
     from cartstiff.core.potentials.loads import Load

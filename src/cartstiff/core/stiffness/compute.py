@@ -10,10 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.core.arrays import checked_flag, checked_input
+from cartstiff.core.arrays import Array, checked_flag, checked_input
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError, NoEnergyError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.notes import Note

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import plain
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array, plain
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.forces import DriveForce

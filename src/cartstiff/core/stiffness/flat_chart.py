@@ -14,10 +14,10 @@ from typing import Final
 import numpy as np
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import UndefinedError
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.connections import Connection
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.notes import Note
 from cartstiff.core.potentials.contract import IDENTITY, Evaluation, SecondOrderMap

@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import ConvergenceError, UndefinedError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.core.notes import Note
 from cartstiff.core.potentials.contract import SecondOrderMap

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
 from cartstiff.core.arrays import (
+    Array,
     NamedArrays,
     checked_matrix,
     checked_pose,
@@ -33,7 +34,6 @@ from cartstiff.core.errors import UndefinedError, UnknownNameError
 from cartstiff.core.figures import new_figure
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.connections import BI_INVARIANT, NAMED, Connection
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.matrix_names import OF_MANY
 from cartstiff.core.mechanisms.contract import Mechanism, MechanismPosture

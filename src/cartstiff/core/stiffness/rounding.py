@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 
 #: Relative error of the direction of a spring.
 _DIRECTION_ERROR = 16.0 * numerics.EPSILON

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 
 #: Names of the components of a twist.
 NAMES = ("rx", "ry", "rz", "x", "y", "z")

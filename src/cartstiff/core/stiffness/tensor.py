@@ -22,12 +22,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import checked_array, checked_pose, real_array, safe_cell
+from cartstiff.core.arrays import (
+    Array,
+    checked_array,
+    checked_pose,
+    real_array,
+    safe_cell,
+)
 from cartstiff.core.choices import AXES, Axes, Order
 from cartstiff.core.errors import InputError, UndefinedError, checked_kind, imported
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.connections import NAMED, Connection, Field
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.notebook import html_table
 from cartstiff.core.notes import Note
 from cartstiff.core.units import SI, Units, convert_length

@@ -19,8 +19,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.cut_joints import CutPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism

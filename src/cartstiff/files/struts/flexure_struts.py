@@ -27,10 +27,10 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError, NoEnergyError, UndefinedError
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.jets import cosines_of, sines_of
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.potentials.contract import (
     POSE,
     Evaluation,

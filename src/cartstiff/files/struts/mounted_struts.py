@@ -22,8 +22,8 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.lazily import cached_property
 from cartstiff.core.potentials.contract import POSE, Number, Posture
 from cartstiff.core.potentials.line_springs import lines_of_many

@@ -35,7 +35,7 @@ from cartstiff.core.statics.equilibrium import again
 from cartstiff.core.statics.rest import Equilibrium
 from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 from cartstiff.core.stiffness.balance import with_rest_balancing
-from cartstiff.core.stiffness.posture import PostureStiffness
+from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.recorded.chains import ChainCase
 from cartstiff.recorded.gradient import Differentiated, Slopes
 from cartstiff.recorded.plans import Case, TracedModel, plan_with

@@ -31,7 +31,7 @@ from cartstiff.shown.cli.output import Progress, json_text, say
 
 if TYPE_CHECKING:
     from cartstiff.answer.data import Answer
-    from cartstiff.core.geometry.se3 import Array
+    from cartstiff.core.arrays import Array
     from cartstiff.core.matrix_names import Letter
     from cartstiff.core.stiffness.compute import PostureStiffness
     from cartstiff.shown.cli.tables import Target

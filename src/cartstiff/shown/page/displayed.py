@@ -8,7 +8,7 @@ import numpy as np
 
 from cartstiff.answer.posture import answer_at
 from cartstiff.core.errors import joined
-from cartstiff.core.stiffness.posture import PostureStiffness
+from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.shown.page.report_drawing import drawing
 from cartstiff.shown.report.answer import answer_lines
 

@@ -10,9 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import Result
+from cartstiff.core.arrays import Array, Result
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.limits import Limits
 from cartstiff.kinematics.joint_poses import Free, JointPoses, pose_errors

@@ -22,14 +22,12 @@ from numpy.typing import ArrayLike
 from cartstiff.answer.data import Answer, Quantity, Statement, said
 from cartstiff.answer.full_analysis import wrench_tables
 from cartstiff.answer.posture import answer_at, room_load
-from cartstiff.core.arrays import checked_vector
+from cartstiff.core.arrays import Array, checked_vector
 from cartstiff.core.errors import CartstiffError, UndefinedError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.notes import DOUBTS
 from cartstiff.core.stiffness.applied_load import LoadKind
-from cartstiff.core.stiffness.compute import analyse
-from cartstiff.core.stiffness.posture import PostureStiffness
+from cartstiff.core.stiffness.compute import PostureStiffness, analyse
 from cartstiff.core.units import Units, engineering
 from cartstiff.shown.page.export import export_page
 from cartstiff.shown.page.report_curves import plot, sweeps_of

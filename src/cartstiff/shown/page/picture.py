@@ -11,8 +11,8 @@ import numpy as np
 
 from cartstiff.answer.analysis.screws import Screw
 from cartstiff.answer.vibration.modes import modes
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import UndefinedError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.shown.page.messages import ViewState

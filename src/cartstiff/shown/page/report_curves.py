@@ -6,7 +6,7 @@ import numpy as np
 
 from cartstiff.answer.posture import parts_of_links
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.limits import limits_of
 from cartstiff.core.stiffness.applied_load import LoadKind

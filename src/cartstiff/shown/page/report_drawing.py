@@ -17,16 +17,16 @@ from scipy.spatial import ConvexHull, QhullError
 from cartstiff.answer.data import Answer
 from cartstiff.answer.posture import rests
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import CartstiffError
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.chain import Chain, ChainPosture
 from cartstiff.core.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
 from cartstiff.core.mechanisms.tree import FixedFrame
 from cartstiff.core.stiffness.applied_load import LoadKind
-from cartstiff.core.stiffness.posture import PostureStiffness
+from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.core.units import Units, engineering
 from cartstiff.files.meshes import read_meshes
 from cartstiff.files.visuals import visuals_of

@@ -7,7 +7,7 @@ from html import escape
 
 from cartstiff.answer.data import Table
 from cartstiff.core.errors import printable
-from cartstiff.core.stiffness.posture import PostureStiffness
+from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.shown.report.answer import (
     lines_below,
     table_cells,

@@ -17,7 +17,7 @@ from cartstiff.answer.commanded import analyse_commanded
 from cartstiff.answer.data import Quantity
 from cartstiff.answer.posture import answer_at
 from cartstiff.core import numerics
-from cartstiff.core.arrays import checked_pose, named_values
+from cartstiff.core.arrays import Array, checked_pose, named_values
 from cartstiff.core.errors import (
     CartstiffError,
     InputError,
@@ -25,7 +25,6 @@ from cartstiff.core.errors import (
     UnknownNameError,
 )
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 from cartstiff.core.stiffness.compute import PostureStiffness

@@ -27,11 +27,10 @@ from cartstiff.answer.posture import shares_of, verdict_at
 from cartstiff.answer.vibration.modes import modes
 from cartstiff.answer.vibration.response import frequency_response
 from cartstiff.core import numerics
-from cartstiff.core.arrays import plain
+from cartstiff.core.arrays import Array, plain
 from cartstiff.core.errors import UndefinedError
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.connections import Connection
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.matrix_names import MATRICES
 from cartstiff.core.mechanisms.contract import Coordinate, Mechanism
 from cartstiff.core.mechanisms.elastic import ElasticMechanism

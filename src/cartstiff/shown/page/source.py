@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import named_values
+from cartstiff.core.arrays import Array, named_values
 from cartstiff.core.errors import InputError, one_line
 from cartstiff.core.geometry import se3
 from cartstiff.core.geometry.connections import Connection
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.matrix_names import LETTERS
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.limits import Limits

@@ -12,9 +12,9 @@ import numpy as np
 
 from cartstiff.answer.analysis.asymmetry import is_roundoff
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.core.matrix_names import MATRICES
-from cartstiff.core.stiffness.posture import PostureStiffness
+from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.core.units import sized
 
 # Components of motions, and of the wrenches beside them.

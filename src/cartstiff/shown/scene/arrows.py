@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 
 from cartstiff.answer.analysis.deflection import displacement_of_point
 from cartstiff.core import numerics
-from cartstiff.core.arrays import checked_pose, checked_vector
+from cartstiff.core.arrays import Array, checked_pose, checked_vector
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.shown.scene import objects, theme
 from cartstiff.shown.scene.labels import Label, number
 from cartstiff.shown.scene.scales import Growing

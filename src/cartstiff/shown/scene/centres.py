@@ -11,7 +11,7 @@ import numpy as np
 
 from cartstiff.answer.analysis.centres import centres_of
 from cartstiff.answer.analysis.screws import Screw
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.shown.scene import objects, theme
 from cartstiff.shown.scene.labels import Label, number
 from cartstiff.shown.scene.viewer import ViewerNode

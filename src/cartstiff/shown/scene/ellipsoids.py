@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.answer.analysis.ellipsoids import Ellipsoid, Freedom, ellipsoid
-from cartstiff.core.arrays import checked_pose, real_array
+from cartstiff.core.arrays import Array, checked_pose, real_array
 from cartstiff.core.errors import InputError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.shown.scene import objects, theme
 from cartstiff.shown.scene.labels import Label, number
 from cartstiff.shown.scene.scales import SCALES, Logarithmic, Scale

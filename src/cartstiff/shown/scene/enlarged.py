@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import inf
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import CartstiffError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.shown.scene.scales import round_number
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import UnknownNameError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.shown.scene import objects, theme
 from cartstiff.shown.scene.labels import HEIGHT, Label
 from cartstiff.shown.scene.scales import round_number

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from cartstiff.answer.held_forces import held_forces
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
-from cartstiff.core.stiffness.posture import PostureStiffness
+from cartstiff.core.arrays import Array
+from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.shown.scene import objects, theme
 from cartstiff.shown.scene.scales import round_number
 from cartstiff.shown.scene.viewer import ViewerNode

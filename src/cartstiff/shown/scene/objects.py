@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import imported
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.shown.scene import theme
 from cartstiff.shown.scene.viewer import ViewerNode
 

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.core.arrays import checked_array
+from cartstiff.core.arrays import Array, checked_array
 from cartstiff.core.errors import InputError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.shown.scene import objects, theme
 from cartstiff.shown.scene.viewer import ViewerNode
 

@@ -18,10 +18,9 @@ from cartstiff.answer.analysis.deflection import compliance_deflection
 from cartstiff.answer.analysis.ellipsoids import Ellipsoid, Freedom, Quantity
 from cartstiff.answer.analysis.matrices import symmetric_part
 from cartstiff.answer.analysis.principal import block_ellipsoid
-from cartstiff.core.arrays import checked_vector
+from cartstiff.core.arrays import Array, checked_vector
 from cartstiff.core.errors import CartstiffError, UndefinedError
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.compute import PostureStiffness, analyse

@@ -6,7 +6,7 @@ import numpy as np
 
 from cartstiff.answer.vibration.modes import Modes
 from cartstiff.core import numerics
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array
 from cartstiff.shown.scene.mechanism import extent
 
 # Step (natural units) by which points move a little.

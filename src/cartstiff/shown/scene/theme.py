@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.core.arrays import real_array
-from cartstiff.core.geometry.se3 import Array
+from cartstiff.core.arrays import Array, real_array
 
 #: Meaning of each hue. Positive and negative are signs of stiffnesses and of values of a
 #: map; "screw" are axes and centres of motion.

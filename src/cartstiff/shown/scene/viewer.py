@@ -13,8 +13,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError, imported
-from cartstiff.core.geometry.se3 import Array
 
 #: The first three columns of a translation.
 _UNTURNED = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)

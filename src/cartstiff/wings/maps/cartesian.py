@@ -16,8 +16,8 @@ from cartstiff.core.errors import InputError, UnknownNameError
 from cartstiff.core.geometry import se3
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.kinematics.at_pose import COORDINATES, at_poses
-from cartstiff.kinematics.inverse import Free, inverse_kinematics
-from cartstiff.kinematics.joint_poses import JointPoses
+from cartstiff.kinematics.inverse import inverse_kinematics
+from cartstiff.kinematics.joint_poses import Free, JointPoses
 from cartstiff.kinematics.legs import legs_of
 from cartstiff.recorded.quick_poses import QuickPoses
 from cartstiff.wings.maps.sampling import (

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from cartstiff.core import numerics
+from cartstiff.core.arrays import Array
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.platform import Platform
 from cartstiff.core.notes import Note
 

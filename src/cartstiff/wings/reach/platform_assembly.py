@@ -27,9 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import checked_vector
+from cartstiff.core.arrays import Array, checked_vector
 from cartstiff.core.errors import InputError
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.platform import Platform
 
 Complex = NDArray[np.complex128]

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.core import numerics
-from cartstiff.core.arrays import checked_array, checked_pose, csv_text, plain_dict
+from cartstiff.core.arrays import Array, checked_array, checked_pose, csv_text, plain_dict
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import (
     CartstiffError,
@@ -32,7 +32,6 @@ from cartstiff.core.errors import (
 )
 from cartstiff.core.figures import new_figure
 from cartstiff.core.geometry import se3
-from cartstiff.core.geometry.se3 import Array
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.mechanisms.gravity_loads import GravityLoads, gravity_loads
@@ -42,9 +41,10 @@ from cartstiff.core.potentials.contract import Potential
 from cartstiff.core.potentials.line_springs import LineSprings
 from cartstiff.core.potentials.springs import Springs
 from cartstiff.core.results import LabelledResult
-from cartstiff.core.statics.equilibrium import Equilibrium, equilibrium
+from cartstiff.core.statics.equilibrium import equilibrium
 from cartstiff.core.statics.held import Held, displacement_between, displacement_heads
 from cartstiff.core.statics.problem import System
+from cartstiff.core.statics.rest import Equilibrium
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
     LoadKind,
