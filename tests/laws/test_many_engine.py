@@ -332,6 +332,8 @@ def test_rest_positions_of_nonlinear_springs_are_chosen(law):
     curved = replace(elastic, springs=springs)
     q = postures(curved)
     paths = PATHS if law in (TABLE, STRAIGHT, FALLING) else ("portable",)
+    if isinstance(law, TabulatedLaw) and law.torques[0] > 0.0:  # no root is recorded
+        paths = ("engine",)
     outputs = ("energy", "wrench", "stiffness_B", "compliance_K")
     assert_same(curved, q, *paths, outputs=outputs)
     load = [1.0, 2.0, -1.0, 10.0, 20.0, -15.0]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial.transform import Rotation
 from tests.doors import with_rest_balancing
 from tests.support import (
@@ -187,9 +188,53 @@ def test_an_output_that_a_mechanism_has_not(name, output):
     elastic = cartstiff.load(name)
     program = cartstiff.record(elastic, ["pose", output])
     many = cartstiff.analyse_many(elastic, [elastic.q], outputs=[output])
-    for found in (program(elastic.q)[output], program.many([elastic.q])[output][0]):
-        assert found.shape == many[output][0].shape
-        assert np.isnan(found).all()
+    found = [program(elastic.q)[output], program.many([elastic.q])[output][0]]
+    if output == "torques":  # the core's as well
+        found.append(cartstiff.analyse(elastic)[output])
+    for one in found:
+        assert one.shape == many[output][0].shape
+        assert np.isnan(one).all()
+
+
+@pytest.mark.usefixtures("without_machine_code")
+def test_what_no_motor_holds_is_assembled_as_by_the_core(tmp_path):
+    """Coordinates that are given stay."""
+    springs = {joint: {"stiffness": 500.0} for joint in ("motor", "elbow")}
+    bars = cartstiff.load(FourBar.generated(3).written(tmp_path, springs=springs))
+    answer = cartstiff.record(bars, "pose")(q := bars.q + np.array([0.1, 0.0, 0.0]))
+    assert answer.is_plain
+    close(answer.q, cartstiff.analyse(bars, q).q)
+
+
+@pytest.mark.thorough
+def test_many_assemble_with_the_tool_of_the_call():
+    """Where nothing holds the fingers, the least change depends on where M is."""
+    grasp, tool = cartstiff.load("grasp"), [0.2, -0.1, 0.1, 0.3, 0.1, -0.2]
+    program = cartstiff.record(grasp, "pose", inputs=["tcp"])
+    q = np.where(np.arange(len(grasp.q)) == 1, grasp.q + 0.05, grasp.q)
+    close(program.many([q], tcp=tool).q[0], program(q, tcp=tool).q)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("without_machine_code")
+def test_quantities_of_few_motions_read_no_round_off():
+    """Of a body that only translates, whose rotations give nothing."""
+    robot = cartstiff.load("orthoglide")
+    name = "compliance_translation_held_min"
+    program = cartstiff.record(robot, name)
+    for q in postures(robot, 2, 0.05):
+        softest = np.linalg.eigvalsh(cartstiff.analyse(robot, q).compliances["B"][3:, 3:])
+        found = [program(q)[name], program.many([q])[name][0]]
+        assert program(q).is_plain
+        close(found, softest[[0, 0]], 1e-9)
+
+
+def test_torques_of_rigid_joints_are_the_core_s():
+    arm = cartstiff.load("ur5").with_springs({"elbow_joint": np.inf})
+    program = cartstiff.record(arm, "torques", loaded=True)
+    core = cartstiff.analyse(arm, wrench=LOAD).torques
+    assert abs(core[2]) > 1.0
+    close(program(arm.q, LOAD).torques, core)
 
 
 def test_outputs_of_a_user_s_own_exist_each_by_itself():
@@ -209,8 +254,14 @@ def test_no_code_is_made_in_a_call(monkeypatch):
     assert program(program.elastic.q, 0.1 * LOAD).is_plain
 
 
-def test_without_machine_code(monkeypatch):
-    monkeypatch.setattr("cartstiff.recorded.program.has_package", lambda _: False)
+@pytest.fixture
+def without_machine_code(monkeypatch):
+    for module in ("program", "assembly"):
+        monkeypatch.setattr(f"cartstiff.recorded.{module}.has_package", lambda _: False)
+
+
+@pytest.mark.usefixtures("without_machine_code")
+def test_without_machine_code():
     arm = cartstiff.load("ur5")
     program = cartstiff.record(arm, "B")
     assert (program.path, program.reason) == ("python", "llvmlite is not installed")
@@ -234,6 +285,15 @@ def test_refusals():
     alike = [lambda a: a["pose"][0], lambda a: a["pose"][1]]
     refused(r"two outputs have the same name.*<lambda>", cartstiff.record, arm, alike)
     assert cartstiff.record(arm, ["B", "stiffness_B"]).names == ("stiffness_B",)
+    for name in ("B", "q", "W", "", 3):  # an answer or a data set has another under this name
+        refused("its own name", cartstiff.record, arm, {name: lambda a: a["pose"][0]})
+    refused("keeps its name; expected B", cartstiff.record, arm, {"K": "B"})
+    refused("loaded; expected True or False", cartstiff.record, arm, "B", loaded="no")
+    for q in (arm.q + 0j, arm.q > 0.0, [str(x) for x in arm.q]):
+        refused("q is not numeric", program, q)
+    along = cartstiff.record(arm, {"x": lambda a: a["pose"][0, 3]})
+    refused("q is not numeric", along.gradient, "x", "abc")
+    refused("letters, digits and _", program.source, "c", "my-arm")
     refused("language", program.source, "fortran", kind=UnknownNameError)
     refused("no source", cartstiff.record(cartstiff.load("flexure-hexapod"), "B").source, "c")
     refused("exist at no posture", cartstiff.record(cartstiff.load("five-bar"), "B").source, "c")
@@ -414,6 +474,30 @@ def test_jax_is_the_program_and_has_its_derivatives(name, quantity):
         assert not one(straight, load)[0]
     jax.config.update("jax_enable_x64", False)
     refused("jax_enable_x64", function, Q[0], load, kind=RuntimeError)
+
+
+@pytest.mark.usefixtures("without_machine_code")
+@pytest.mark.parametrize("language", ["python", *later("c", "jax", "javascript")])
+def test_sources_bend_a_link_that_is_one_spring(language, tmp_path):
+    """It has no segments of a beam."""
+    data = {
+        "kind": "serial",
+        "dh": {
+            "convention": "standard",
+            "joints": [{"a": 0.4, "alpha": 1.0}, {"a": 0.3, "d": 0.1}],
+        },
+        "q": {"j1": 0.3, "j2": -0.7},
+        "springs": {"j1": {"stiffness": 800.0}, "j2": {"stiffness": 500.0}},
+        "flexible": {"link1": {"stiffness": np.diag([9e2, 8e2, 7e2, 3e5, 2e5, 1e5]).tolist()}},
+    }
+    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(data))
+    elastic = cartstiff.load(tmp_path / "arm.yaml")
+    program = cartstiff.record(elastic, ["pose", "compliance_load"], loaded=True)
+    core = cartstiff.analyse(elastic, wrench=LOAD)
+    ((is_plain, record, q),) = by_source(program, language, tmp_path)(elastic.q[None], LOAD)
+    assert is_plain
+    close(np.asarray(q), core.q)
+    close(np.asarray(record), np.r_[core.pose.ravel(), core.tangent_compliance.ravel()])
 
 
 def generated(seed: int, folder: Path) -> cartstiff.ElasticMechanism:
@@ -599,6 +683,32 @@ def test_quantities_take_settings_and_label_their_data(tmp_path):
     assert copy(arm.q).condition > 1.0
 
 
+def test_an_answer_keeps_what_was_asked():
+    """Whoever asks may use the same arrays again: the rest is found later."""
+    arm = cartstiff.load("ur5")
+    program = cartstiff.record(arm, "B", loaded=True, inputs=(name for name in ["stiffness"]))
+    q, load, k = arm.q.copy(), LOAD.copy(), arm.springs.stiffness * 1.5
+    answer, many = program(q, load, stiffness=k), program.many([q], load, stiffness=k)
+    core = cartstiff.analyse(arm.with_springs(k), q, wrench=load)
+    for array in (q, load, k):
+        array *= 2.0
+    close(answer.q, core.q)
+    close(answer.compliances["K"], core.compliances["K"])
+    close(many.loads, LOAD)
+    # A spring that vanishes, or turns round, is another mechanism: no spring balances there.
+    for other in (0.0, -1.0, np.inf, np.nan):
+        refused("a positive number", program, q, LOAD, stiffness=np.r_[k[:5], other])
+
+
+@pytest.mark.usefixtures("without_machine_code")
+def test_a_data_set_has_every_output_under_its_own_name():
+    arm = cartstiff.load("ur5")
+    program = cartstiff.record(arm, {"B": "B", "K_B": lambda a: a["pose"][0]})
+    data = program.many([arm.q]).to_xarray()
+    assert data["K_B"].dims == ("posture", "K_B_1")
+    assert data["stiffness_B"].shape == (1, 6, 6)
+
+
 def test_many_are_each_under_its_own_load():
     robot = cartstiff.load("stewart-gough")
     program = cartstiff.record(robot, ["load", "wrench"], loaded=True, **ACTING)
@@ -627,6 +737,7 @@ def se3_tool(numbers):
     return T
 
 
+@pytest.mark.usefixtures("without_machine_code")
 def test_frequencies_are_those_with_the_payload():
     arm = cartstiff.load("ur5", gravity=[0.0, 0.0, -9.81])
     program = cartstiff.record(arm, ["B", "frequency_1"], inputs=["payload"])
@@ -634,10 +745,17 @@ def test_frequencies_are_those_with_the_payload():
     heavy = arm.with_payload(5.0, [0.0, 0.0, 0.1])
     expected = cartstiff.modes(heavy, arm.q).frequencies[0]
     given = {"payload": [5.0, 0.0, 0.0, 0.1]}
+    # Springs are chosen to carry a load that is zero, as of the core.
+    wound = arm.with_springs(rest=arm.q + 0.1)
+    loaded = cartstiff.record(wound, "frequency_1", loaded=True, inputs=["payload"])
+    zero = cartstiff.modes(wound, arm.q, wrench=np.zeros(6)).frequencies[0]
+    assert loaded(arm.q, np.zeros(6)).frequency_1 == pytest.approx(zero, rel=1e-9)
     close(program(arm.q)["B"], cartstiff.analyse(arm).matrices["B"])  # as recorded
     close(program(arm.q, **given)["B"], cartstiff.analyse(heavy, arm.q).matrices["B"])
     assert program(arm.q, **given).frequency_1 == pytest.approx(expected, rel=1e-9)
     assert program.many([arm.q], **given)["frequency_1"][0] == pytest.approx(expected, rel=1e-9)
+    moving = cartstiff.record(arm, "B", inputs=["tcp"])
+    refused("tcp must be finite", moving, arm.q, tcp=[np.nan] * 6)
     hexapod = cartstiff.load("stewart-gough")
     refused("the tool of a chain", cartstiff.record, hexapod, "B", inputs=["tcp"])
     refused("a number from zero", program, arm.q, payload=[-1.0, 0.0, 0.0, 0.0])

@@ -61,7 +61,7 @@ def checked_wrench(
     """One wrench (6,), or one for each posture (N, 6)."""
     if wrench is None:
         return None
-    array = checked_input(wrench, [(6,), (count, 6)], "wrench", copy=False)
+    array = checked_input(wrench, [(6,), (count, 6)], "wrench")
     if elastic.springs is None:
         raise InputError(
             "the load of this mechanism follows from its potentials and cannot be given",

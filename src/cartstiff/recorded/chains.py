@@ -114,9 +114,14 @@ _NEWTON_STEPS, _MAX_LAST_CHANGE = 8, numerics.ROUNDOFF_OF_SUMS**0.5
 _MAX_RISING_SHARE = 0.99
 
 
-def is_recorded(law: SpringLaw) -> bool:
-    """Whether a law can be recorded."""
-    return type(law) in _LAWS and len(_LAWS[type(law)].knots(law)) <= _MAX_TABLE_POINTS
+def is_recorded(law: SpringLaw, is_open: bool = False) -> bool:
+    """Whether a law can be recorded; `is_open` if the rest position follows from a
+    torque.
+    """
+    kind = _LAWS.get(type(law))
+    if kind is None or (is_open and not kind.has_root(law)):
+        return False
+    return len(kind.knots(law)) <= _MAX_TABLE_POINTS
 
 
 def stretched(law: SpringLaw, x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
@@ -128,7 +133,7 @@ def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     """Deflection that carries a torque, and the verdict on it.
 
     For a polynomial it is the root of smallest size, within the part that rises through
-    zero. A table must rise or fall throughout, so that there is one root.
+    zero.
     """
     return _LAWS[type(law)].deflection(law, torque)
 
@@ -174,10 +179,13 @@ def _piece(law: TabulatedLaw, x: Scalar, knots: tuple[float, ...]) -> list[Scala
     return found
 
 
+def _rises(law: TabulatedLaw) -> bool:
+    slopes = np.append(np.diff(law.torques), law._rows[[0, -1], 3])
+    return bool((slopes > 0.0).all())
+
+
 def _in_table(law: TabulatedLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     y = np.array(law.torques)
-    if not ((np.diff(y) > 0.0).all() and law._rows[[0, -1], 3].all()):
-        return 0.0, FALLBACK
     start, verdict = _piece(law, torque, law.torques), PLAIN
     # Solve the cubic of that piece, starting from the straight line through its ends.
     secants = np.diff(y) / np.diff(law.deflections)
@@ -217,16 +225,21 @@ def _converged(step: Scalar, size: Scalar) -> Scalar:
 
 
 class _Law(NamedTuple):
-    """How a kind of law is recorded: its knots, `stretched`, and `deflection_for`."""
+    """How a kind of law is recorded: its knots, whether there is a `deflection_for` any
+    torque, `stretched`, and that.
+    """
 
     knots: Callable[[Any], Sequence[float]]
+    has_root: Callable[[Any], bool]
     evaluate: Callable[[Any, Scalar], tuple[Scalar, Scalar, Scalar]]
     deflection: Callable[[Any, Scalar], tuple[Scalar, Scalar]]
 
 
 _LAWS: dict[type, _Law] = {
-    TabulatedLaw: _Law(lambda law: law.deflections, _on_table, _in_table),
-    PolynomialLaw: _Law(lambda _: (), PolynomialLaw.evaluate, _in_polynomial),
+    TabulatedLaw: _Law(lambda law: law.deflections, _rises, _on_table, _in_table),
+    PolynomialLaw: _Law(
+        lambda _: (), lambda _: True, PolynomialLaw.evaluate, _in_polynomial
+    ),
 }
 
 

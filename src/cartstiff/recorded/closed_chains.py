@@ -647,7 +647,7 @@ def _rows(
     together = np.concatenate(every, axis=1)
     # The first independent rows are kept; rows that are zero at all samples come last.
     kept = sorted(numerics.first_independent(_reduced(together, ranks.pop()).T).tolist())
-    sizes = np.abs(together).max(axis=1)
+    sizes = np.abs(together).max(axis=1, initial=0.0)
     acting = int(np.count_nonzero(sizes > numerics.RANK * sizes.max(initial=0.0)))
     every = [C[kept] for C in every]
     if not all(numerics.is_regular(numerics.singular_values(C)) for C in every):

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.core.arrays import Array, NamedArrays, checked_array
+from cartstiff.core.arrays import Array, NamedArrays, checked_array, checked_input
 from cartstiff.core.errors import InputError
 from cartstiff.core.geometry import se3
 from cartstiff.core.lazily import cached_property
@@ -76,13 +76,14 @@ def changed(
     """A mechanism, and a kind of load, with other numbers of a program's inputs."""
     # Each replaces what the mechanism has; a payload hangs on the tool.
     if "tcp" in numbers:
-        x, chain = np.ravel(numbers["tcp"]), cast(Chain, elastic.mechanism)
+        x = checked_input(numbers["tcp"], (6,), "tcp")
+        chain = cast(Chain, elastic.mechanism)
         moved = chain.with_tool(se3.from_roll_pitch_yaw(x[:3], x[3:]))
         elastic = replace(elastic, mechanism=moved)
     if "load_at" in numbers:
         load = LoadKind(load.kind, numbers["load_at"])  # type: ignore[arg-type]
     if "payload" in numbers:
-        mass, *centre = np.ravel(numbers["payload"]).tolist()
+        mass, *centre = checked_input(numbers["payload"], (4,), "payload").tolist()
         elastic = elastic.with_payload(mass, centre) if mass else elastic
     if numbers.keys() & {"stiffness", "rest"}:
         springs = springs_of(elastic)

@@ -19,8 +19,14 @@ from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError, UnknownNameError
 from cartstiff.core.geometry.connections import Connection
+from cartstiff.core.matrix_names import OF_MANY
 from cartstiff.recorded.algebra import PLAIN, changed_compliance, limited
-from cartstiff.recorded.arguments import EVERY_OUTPUT
+from cartstiff.recorded.arguments import (
+    DETAILS,
+    EVERY_OUTPUT,
+    MOTIONS,
+    OF_VIBRATIONS,
+)
 from cartstiff.recorded.quantities import Quantity, Settings
 from cartstiff.recorded.tape import Arrays, Scalar, absolute, larger
 
@@ -29,6 +35,15 @@ from cartstiff.recorded.tape import Arrays, Scalar, absolute, larger
 Function = Callable[[Arrays], Any]
 
 
+#: Names of what programs and data sets have besides.
+_TAKEN = {
+    *EVERY_OUTPUT,
+    *OF_MANY,
+    *DETAILS,
+    *OF_VIBRATIONS,
+    MOTIONS,
+    *("verdict", "q", "state", "given_wrench", "W", "posture", "coordinate"),
+}
 #: Outputs that the matrices under a connection follow from.
 _OF_CONNECTIONS = "stiffness_A", "stiffness_B", "compliance_B", "wrench"
 
@@ -108,11 +123,13 @@ class OwnOutputs:
                     got=output,
                 )
         own = cls(tuple(connections), tuple(functions))
-        taken = [name for name in own.names if name in EVERY_OUTPUT]
-        if taken:
-            raise InputError(
-                "output has the name of another", expected="its own name", got=taken[0]
-            )
+        for name in own.names:
+            if not isinstance(name, str) or not name or name in _TAKEN:
+                raise InputError(
+                    "output has no name, or that of another",
+                    expected="its own name",
+                    got=name,
+                )
         return own
 
     def __bool__(self) -> bool:

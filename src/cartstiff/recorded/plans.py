@@ -258,7 +258,7 @@ def _chain_plan(
         return "line springs of a chain have no arithmetic of their own"
     if springs is not None:
         is_open, laws = springs.rest_is_free(wrench != "none"), springs.laws
-        if any(is_open[j] and not is_recorded(law) for j, law in laws.items()):
+        if any(is_open[j] and not is_recorded(law, True) for j, law in laws.items()):
             return "the rest position of such a spring is found posture by posture"
         shared["stiffness"][:], shared["rest"][:] = (
             springs.stiffness,

@@ -214,14 +214,14 @@ class Stack:
             self.analyse(np.arange(len(self.state)))
             return len(self.state)
         if self.taken.regular != REGULAR:
-            self._clear_still_halves(slice(None))
+            clear_still_halves(self.elastic, self.arrays)
         # Postures in doubt: lost ranks and chosen tensions have programs of their own.
         doubtful = np.flatnonzero(self.state == FALLBACK)
         lost_state, lost_rank = "", doubtful[:0]
         if len(doubtful) >= WORTH_RECORDING:
             lost_state, lost_rank, torn = lost_ranks(self, self.taken, doubtful)
             self.state[torn] = UNBALANCED
-            self._clear_still_halves(lost_rank)
+            clear_still_halves(self.elastic, self.arrays, lost_rank)
             doubtful = np.setdiff1d(doubtful, np.concatenate([lost_rank, torn]))
         if len(doubtful):
             filled, torn = by_chosen_tensions(self, self.taken, doubtful)
@@ -262,15 +262,6 @@ class Stack:
             if name.startswith(unknown):
                 array[which] = np.nan
 
-    def _clear_still_halves(self, which: Indices | slice) -> None:
-        """Set round-off to zero in the compliances of postures with a rank below six."""
-        length = self.elastic.mechanism.at(self.elastic.q).length
-        for name, array in self.arrays.items():
-            if name.startswith("compliance"):
-                some = array[which]
-                numerics.clear_still_halves(some, length)
-                array[which] = some
-
     def analyse(self, which: Indices) -> None:
         """Fill some postures one by one.
 
@@ -287,6 +278,18 @@ class Stack:
                 if moved:
                     self.q[i] = closed
                 self.state[i] = self.index(code)
+
+
+def clear_still_halves(
+    elastic: ElasticMechanism, arrays: Arrays, which: Indices | slice = slice(None)
+) -> None:
+    """Set round-off to zero in the compliances of postures with a rank below six."""
+    length = elastic.mechanism.at(elastic.q).length
+    for name, array in arrays.items():
+        if name.startswith("compliance"):
+            some = array[which]
+            numerics.clear_still_halves(some, length)
+            array[which] = some
 
 
 def is_moved(elastic: ElasticMechanism, is_loaded: bool) -> bool:
@@ -560,7 +563,9 @@ class Postures:
                 "wrench": "W",
             }
             own = tuple(f"{name}_{k + 1}" for k in range(array.ndim - 1))
-            shown[name] = short.get(kind, name)
+            shown[name] = (
+                name if short.get(kind) in self.arrays else short.get(kind, name)
+            )
             arrays[shown[name]] = ("posture", *axes.get(kind, own)), array
         labels = {**COMPONENTS, "posture": range(len(self)), "coordinate": self.names}
         dataset = with_labels(arrays, labels, path=self.path, **self.about)

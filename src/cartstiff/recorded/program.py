@@ -16,15 +16,16 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, Literal, TypedDict, Unpack
+from typing import Any, Literal, TypedDict, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.core.arrays import Array, checked_input, fixed
+from cartstiff.core.arrays import Array, checked_flag, checked_input, fixed
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError, UndefinedError, check_name
 from cartstiff.core.geometry.connections import Connection
+from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
@@ -244,9 +245,18 @@ class Program(Recording):
         given = self._usual if wrench is None else {**self._usual, "wrench": wrench}
         return self._plain(q, given)
 
-    def closed(self, q: Array) -> Array | None:
-        """Coordinates (n,) that close the chain; None where the recorded steps do not."""
-        return q if self._closing is None else self._closing(q)
+    def closed(self, q: Array, numbers: Arrays | None = None) -> Array | None:
+        """Coordinates (n,) that close the chain; None where the recorded steps do not.
+
+        Where none are driven, the core holds those that were given; `numbers` of inputs
+        count then.
+        """
+        if self._closing is None:
+            return q
+        if cast(Chain, self.elastic.mechanism).actuated is None:
+            elastic, _ = self.with_numbers(numbers or {})
+            q = elastic.mechanism.closed_as_given(q[None])[0]
+        return self._closing(q)
 
     def _plain(self, at: Array, given: Arrays) -> PostureStiffness | None:
         """A plainly regular posture, else None."""
@@ -302,9 +312,21 @@ class Program(Recording):
         return PostureStiffness.of_numbers(known, self._question(q, given))
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
-        """Numbers of an input."""
-        size = CASE_INPUTS.get(name) or len(springs_of(self.elastic).stiffness)
-        found = _as_vector(values, size, name)
+        """Numbers of an input; springs stay springs, as what is none was recorded."""
+        if name in CASE_INPUTS:
+            found = _as_vector(values, CASE_INPUTS[name], name)
+        else:
+            springs = springs_of(self.elastic)
+            found = _as_vector(values, len(springs.stiffness), name)
+            if (
+                name == "stiffness"
+                and (((found > 0.0) != (springs.stiffness > 0.0)) | np.isinf(found)).any()
+            ):
+                raise InputError(
+                    "stiffness cannot be used",
+                    expected="a positive number for each linear spring, else zero",
+                    got=found.tolist(),
+                )
         if name == "payload" and found[0] < 0.0:
             raise InputError(
                 "payload mass cannot be used",
@@ -334,7 +356,7 @@ class Program(Recording):
         """Coordinates that close the chain, and at which links carry the load;
         None if unknown.
         """
-        at = q if self._closing is None else self._closing(q)
+        at = self.closed(q, given)
         if self._settling is None or at is None or self.taken is None:
             return at
         evaluate = partial(
@@ -382,7 +404,11 @@ class Program(Recording):
         if self.from_matrices:
             names = ", ".join(self.from_matrices)
             raise InputError(f"no source: {names} cannot be recorded")
-        name = name or re.sub(r"\W", "_", f"stiffness_of_{self.elastic.name}")
+        name = name or re.sub(r"\W", "_", f"stiffness_of_{self.elastic.name}", flags=re.A)
+        if not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII):
+            raise InputError(
+                "name cannot be used", expected="letters, digits and _", got=name
+            )
         # All outputs as one row, and what is no input as constants.
         exist = [n for n in self.names if n in tape.outputs]
         if not exist:
@@ -447,7 +473,8 @@ class Program(Recording):
         InputError
             For wrong shapes, or numbers of inputs that the program does not have.
         """
-        given, elastic = self._replaced(numbers, wrench), self.elastic
+        given = self._replaced(numbers, wrench)
+        elastic, _ = self.with_numbers(given)
         coordinates = elastic.mechanism.closed_as_given(checked_q(elastic, q))
         loads = checked_wrench(elastic, wrench, len(coordinates))
         threads = os.cpu_count() or 1
@@ -497,7 +524,8 @@ class Program(Recording):
                 code="no-objective",
             )
         self._replaced({}, wrench)
-        Q = checked_q(self.elastic, np.atleast_2d(np.asarray(q, float)))
+        several: Any = [q] if np.ndim(q) == 1 else q
+        Q = checked_q(self.elastic, several)
         loads = checked_wrench(self.elastic, wrench, len(Q))
         found = self.slopes(of, Q, loads, os.cpu_count() or 1)
         answer = {name.removeprefix("by_"): rows for name, rows in found.items()}
@@ -594,6 +622,7 @@ def record(
         For a load, or inputs, that this mechanism cannot be given.
     """
     # The load.
+    loaded, inputs = checked_flag(loaded, "loaded"), tuple(dict.fromkeys(inputs))
     kind = checked_load(
         load_kind, load_at, load_axes, loaded, checked_elastic(elastic).may_be_loaded
     )
@@ -607,6 +636,11 @@ def record(
         outputs = [outputs]
     if not isinstance(outputs, Mapping):
         outputs = _by_name(outputs)
+    for key, output in outputs.items():
+        if isinstance(output, str) and full_name(key) != full_name(output):
+            raise InputError(
+                "output keeps its name", where=f"outputs, {key}", expected=output
+            )
     named = [full_name(o) for o in outputs.values() if isinstance(o, str)]
     for name in named:
         check_name("output", name, (*EVERY_OUTPUT, *QUANTITIES))
@@ -633,7 +667,7 @@ def record(
             where="inputs",
             expected="rest positions of all springs, and no load",
         )
-    return Program(elastic, names, own, loaded, kind, load_axes, tuple(inputs))
+    return Program(elastic, names, own, loaded, kind, load_axes, inputs)
 
 
 def _check_inputs(
@@ -683,12 +717,13 @@ def _with_quantities(
 
 
 def _as_vector(values: ArrayLike, size: int, what: str) -> Array:
-    """An array of `size` doubles; whether they are finite is seen in the result."""
+    """A copy as `size` doubles; whether they are finite is seen in the result."""
     try:
-        array = np.asarray(values, float)
+        array = np.array(values)
     except (TypeError, ValueError):
         return checked_input(values, (size,), what)
-    return array if array.shape == (size,) else checked_input(values, (size,), what)
+    is_usual = array.dtype == float and array.shape == (size,)
+    return array if is_usual else checked_input(values, (size,), what)
 
 
 def _by_name(outputs: Sequence[str | Connection | Function]) -> dict[str, Any]:

@@ -74,6 +74,7 @@ from cartstiff.recorded.postures import (
     REGULAR,
     Postures,
     Stack,
+    clear_still_halves,
     described,
     is_moved,
     units_of,
@@ -161,7 +162,10 @@ class Recording:
                     expected="path 'engine'",
                 )
             return
-        if taken.untraced.has_drives and not {TENSIONS, TORQUES}.isdisjoint(self._base):
+        unknown = {TORQUES} if elastic.mechanism.rigid else set[str]()
+        if taken.untraced.has_drives:
+            unknown = {TENSIONS, TORQUES}
+        if not unknown.isdisjoint(self._base):
             self.reason = "the forces of these drives are found posture by posture"
             return
         self.reason, self.taken = "", taken.under(load, load_axes)
@@ -437,10 +441,12 @@ class Recording:
         elastic: ElasticMechanism,
         load: LoadKind,
     ) -> dict[str, Array]:
-        """Quantities (N,) from matrices."""
+        """Quantities (N,) from matrices, whose round-off is cleared."""
         settings = self._own.settings
         if settings is None or not names:
             return {}
+        if self.taken is not None and self.taken.regular != REGULAR:
+            clear_still_halves(elastic, arrays)
         some = [quantity for quantity in self._quantities if quantity.name in names]
         known = {n: np.full((len(q), *self._shapes[n]), np.nan) for n in self._base}
         return quantities_of(

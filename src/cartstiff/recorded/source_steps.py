@@ -84,6 +84,7 @@ class Before(NamedTuple):
             "kinds": [k for k, _ in segments],
             "at": [row.tolist() for _, row in segments],
             "count": len(segments),
+            "room": max(1, len(segments)),
         }
         return cls(
             program_for(case, CLOSING) if taken.is_closed else None,
@@ -99,10 +100,13 @@ class Before(NamedTuple):
 
     @property
     def terms(self) -> dict[str, int]:
-        """Inputs that links determine, and their sizes."""
-        m = self.numbers["count"]
-        sizes = {"energies": 1, "segment_gradients": 6 * m, "segment_hessians": 36 * m}
-        return sizes if m else {}
+        """Inputs that links determine, and their sizes: of one segment at least, as C
+        has no empty arrays.
+        """
+        if not self.segments and self.settling is None:
+            return {}
+        m = self.numbers["room"]
+        return {"energies": 1, "segment_gradients": 6 * m, "segment_hessians": 36 * m}
 
     def text(
         self, language: str, name: str, arguments: Mapping[str, int], write: Write
@@ -131,16 +135,16 @@ class Before(NamedTuple):
         if language == "c":
             braces = str.maketrans("[]", "{}")
             lists = ("home", "sizes", "kinds", "at", "segments")
-            words |= {word: str(words[word]).translate(braces) for word in lists}
+            words |= {w: str(words[w] or [0]).translate(braces) for w in lists}
 
         def filled(text: str) -> str:
             return Template(text).substitute(words)
 
         # A function stands before those that call it.
         parts = list[str]()
-        if self.segments:
-            each = zip(self.segments, names, strict=True)
-            parts += [write(one, own, {"x": 6}) for one, own in each]
+        each = zip(self.segments, names, strict=True)
+        parts += [write(one, own, {"x": 6}) for one, own in each]
+        if self.terms:
             parts.append(filled(terms))
         if self.closing is not None:
             q = {"q": arguments["q"]}
@@ -337,11 +341,11 @@ static int ${name}_close(double q[$n])
     """
 /* Derivatives of the energy of the links; 1 where one bends too far. */
 static int ${name}_terms(const double q[$n], double energies[1],
-                         double segment_gradients[6 * $count],
-                         double segment_hessians[36 * $count])
+                         double segment_gradients[6 * $room],
+                         double segment_hessians[36 * $room])
 {
   static void (*const segments[])(const double *, double *) = $segments;
-  static const int kinds[$count] = $kinds, at[$count][6] = $at;
+  static const int kinds[$room] = $kinds, at[$room][6] = $at;
   int i, a, b;
   energies[0] = 0.0;
   for (i = 0; i < $count; i++) {
@@ -364,7 +368,7 @@ static int ${name}_terms(const double q[$n], double energies[1],
 /* Moves the links to rest under the load, from q, in place; 1 where they do not. */
 static int ${name}_settle($declared)
 {
-  double energies[1], segment_gradients[6 * $count], segment_hessians[36 * $count];
+  double energies[1], segment_gradients[6 * $room], segment_hessians[36 * $room];
   double out[$n + 2], moved = INFINITY;
   int i, steps;
   for (steps = 0; steps < $settling; steps++) {

@@ -94,6 +94,8 @@ class Routine(NamedTuple):
         words = [f"{self.name}: {facts.title}.", "", "q: coordinates"]
         if self.before.moves:
             words[-1] += " near the posture, whose own replace them: closed, links bent"
+        if self.before.closing is not None and not any(self.before.numbers["sizes"]):
+            words[-1] += "; to close, all move"
         words += [f"  {i}: {text}" for i, text in enumerate(facts.coordinates)]
         if facts.wrench:
             words += ["wrench: the load, which the springs balance", *facts.wrench]

@@ -81,18 +81,12 @@ class ManyModes:
             return self._each(lambda modes: damping.of_modes(modes), count)
         return self._each(lambda modes: poles(modes, damping)[1], count)
 
-    @property
-    def _loads(self) -> Array | None:
-        return (
-            self.wrenches if self.wrenches is not None and np.any(self.wrenches) else None
-        )
-
     def _each(
         self, answer: Callable[[Modes], ArrayLike], count: int, which: Array | None = None
     ) -> Array:
         """Numbers from the modes of some postures, computed one after the other."""
         every = np.arange(len(self.q)) if which is None else which
-        loads, rows = self._loads, np.full((len(every), count), np.nan)
+        loads, rows = self.wrenches, np.full((len(every), count), np.nan)
         for row, i in zip(rows, every, strict=True):
             wrench = None if loads is None else loads if loads.ndim == 1 else loads[i]
             load = {} if wrench is None else self.load

@@ -656,10 +656,11 @@ class PostureStiffness(LabelledResult):
     @property
     def torques(self) -> Array:
         """Torques or forces (n,) of the joints' drives on the links that they move, zero
-        without a spring.
+        without a spring; NaN of a platform, which has no joints.
         """
         known = {one.name: one.force for one in self.forces}
-        return np.array([known.get(name, 0.0) for name in self.elastic.names])
+        other = np.nan if self.posture.coordinates_are_pose else 0.0
+        return np.array([known.get(name, other) for name in self.elastic.names])
 
     @cached_property
     def wrenches(self) -> tuple[CarriedWrench, ...]:
