@@ -4,13 +4,14 @@ import json
 import os
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import xarray
 from tests.maps.machines import arm, platform, softest
 from tests.support.commands import refuses
-from tests.support.maps import BegunMap, layout_of, summary_of_file
+from tests.support.maps import BegunMap, job_of, layout_of, summary_of_file
 
 import cartstiff
 from cartstiff import InputError
@@ -419,6 +420,11 @@ def test_chunks_are_near_cubes_and_keep_branches_whole(elastic):
     for count, expected in ((10**9, 11 * 2**16), (10**6, 10**6 // 32), (10**5, 8192), (99, 99)):
         drawn = RandomPostures(count, 0, elastic.q - 0.1, elastic.q + 0.1)
         assert shape_of(drawn) == (expected,)
+    # One posture after the other takes so long that a small part outweighs its own work.
+    for count, expected in ((10**9, 11 * 2**16), (10**5, 10**5 // 128), (99, 64)):
+        drawn = RandomPostures(count, 0, elastic.q - 0.1, elastic.q + 0.1)
+        job = job_of(elastic, drawn, [QUANTITY])
+        assert replace(job, path="engine").usual_chunk == expected
 
 
 # -- reading ------------------------------------------------------------------------------------

@@ -55,6 +55,11 @@ def summary_of_file(where: Any) -> dict[str, Any]:
     return summary(MapFile.at(where))
 
 
+def job_of(elastic: Any, sampling: Any, quantities: Any) -> Any:
+    """How the parts of a map would be computed."""
+    return planned(elastic, sampling, quantities)[0]
+
+
 def layout_of(elastic: Any, sampling: Any, quantities: Any, **asked: Any) -> Any:
     """How a map would be divided and stored."""
     return planned(elastic, sampling, quantities, **asked)[1]

@@ -38,11 +38,10 @@ from cartstiff.recorded.tape import Arrays, Program
 Backend = Literal["auto", "compiled", "portable", "engine"]
 BACKENDS = ("auto", "compiled", "portable", "engine")
 
-#: Least number of postures for which a mechanism is compiled: compiling takes as long as
-#: computing 20,000 (6-UPS) to 60,000 (UR5) postures over NumPy arrays.
+#: Least number of postures for which a mechanism is compiled, for a map with its
+#: quantities. Compiling an operation takes as long as computing it over NumPy arrays some
+#: 25,000 times: 8,000 (a delta, whose steps to closure repeat it) to 80,000.
 WORTH_COMPILING = 25_000
-#: Least number of postures for which a map is compiled, its quantities with it.
-WORTH_MAPPING = 50_000
 #: Number of operations beyond which compiling takes more than a few seconds.
 LARGEST_PROGRAM = 60_000
 #: Chunk of postures for machine code, a multiple of every block.
@@ -122,7 +121,7 @@ def lasting_path(elastic: ElasticMechanism, is_loaded: bool, count: int) -> Back
     )
     if isinstance(answer, str):
         return "engine"
-    is_compiled = count >= WORTH_MAPPING and has_package("llvmlite")
+    is_compiled = count >= WORTH_COMPILING and has_package("llvmlite")
     return "compiled" if is_compiled else "portable"
 
 

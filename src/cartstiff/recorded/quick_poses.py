@@ -33,7 +33,7 @@ from cartstiff.recorded.twists import TreeConstants
 class QuickPoses(JointPoses):
     """`JointPoses` with errors and steps by machine code, for serial chains.
 
-    Compiling pays from about 20,000 solutions on. The steps are the same to round-off.
+    The steps are the same to round-off.
     """
 
     rows_at_once = 4096

@@ -333,7 +333,7 @@ def test_a_map_has_one_numerical_path(tmp_path, monkeypatch):
     """The last part is shorter than what compiling is worth, and computed in another process."""
     elastic = arm()
     sampling = RandomPostures(60, 1, elastic.q - 0.5, elastic.q + 0.5)
-    monkeypatch.setattr(kernels, "WORTH_MAPPING", 60)
+    monkeypatch.setattr(kernels, "WORTH_COMPILING", 60)
     monkeypatch.setattr(kernels, "_compiled", {})
     quantities = ["translation_free_min", "condition"]
     whole = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()

@@ -19,6 +19,7 @@ from cartstiff.kinematics.at_pose import COORDINATES, at_poses
 from cartstiff.kinematics.inverse import inverse_kinematics
 from cartstiff.kinematics.joint_poses import Free, JointPoses
 from cartstiff.kinematics.legs import legs_of
+from cartstiff.recorded.kernels import WORTH_COMPILING
 from cartstiff.recorded.quick_poses import QuickPoses
 from cartstiff.wings.maps.sampling import (
     Axis,
@@ -35,8 +36,6 @@ Redundancy = Literal["nearest", "best"]
 _AXIS_NAMES = ("x", "y", "z")
 #: Number of places whose inverse kinematics is solved at once.
 PLACES_AT_ONCE = 200
-# Number of searches from which on their machine code is compiled.
-_COMPILED_FROM = 20_000
 # Largest number of combinations of the legs' solutions among which the branches are
 # chosen.
 _MAX_CANDIDATES = 64
@@ -166,7 +165,7 @@ class CartesianGrid(Sampling):
             solver = None
             if not (self.legs or elastic.mechanism.coordinates_are_pose):
                 every = prod(self.shape[:3]) * (1 + self.count)
-                solver = (QuickPoses if every >= _COMPILED_FROM else JointPoses)(elastic)
+                solver = (QuickPoses if every >= WORTH_COMPILING else JointPoses)(elastic)
             self._quick = elastic, solver
         return self._quick[1]
 

@@ -432,13 +432,10 @@ def usual_chunk(count: int, least: int | None = None) -> int:
     return min(max(count // _TARGET_LARGE_CHUNKS, least), MAX_CHUNK)
 
 
-def chunk_shape(sampling: Sampling, postures: int | None = None) -> tuple[int, ...]:
-    """Return the shape of a chunk: close to a cube, so that slices in any direction
-    cut few chunks.
-
-    `postures` is the largest number in a chunk; default `usual_chunk`.
+def chunk_shape(sampling: Sampling, postures: int) -> tuple[int, ...]:
+    """Return the shape of a chunk of that many postures at most: close to a cube, so that
+    slices in any direction cut few chunks.
     """
-    postures = usual_chunk(sampling.size) if postures is None else postures
     shape = list(sampling.shape)
     if len(shape) == 1:
         return (min(shape[0], postures),)

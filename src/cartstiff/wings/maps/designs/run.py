@@ -41,7 +41,7 @@ from cartstiff.files.identity import Files
 from cartstiff.files.loading import file_reader, tool_of
 from cartstiff.files.other_units import in_units
 from cartstiff.kinematics.at_pose import COORDINATES
-from cartstiff.recorded.kernels import WORTH_MAPPING, lasting_path
+from cartstiff.recorded.kernels import WORTH_COMPILING, lasting_path
 from cartstiff.recorded.quantities import quantity_named
 from cartstiff.wings.maps.cartesian import AtPoses
 from cartstiff.wings.maps.designs.slopes import AtPose, rates_at
@@ -408,7 +408,7 @@ class StudyEvaluator:
         # Only the code of platforms serves all designs; else it must pay for itself in
         # one design.
         if path == "compiled" and not shared.is_one_of_many:
-            path = "portable" if sampling.size < WORTH_MAPPING else path
+            path = "portable" if sampling.size < WORTH_COMPILING else path
         # Stacks leave the choice of cables' tensions to one analysis after the other.
         is_chosen = len(mechanism.points) > 6
         return replace(job, path=path, one_by_one=None if is_chosen else MAX_SINGLE_POSES)
