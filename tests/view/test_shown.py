@@ -28,7 +28,6 @@ def loaded(arm):
 
 def test_the_payload_holds_the_object_of_analyse(loaded):
     whole = loaded.to_dict()
-    assert numbers_shown(loaded, state_of(), whole=True)["result"] == whole
     for quantity in ("stiffness", "compliance"):
         numbers = numbers_shown(loaded, state_of(quantity=quantity))
         again = json.loads(json.dumps(numbers, allow_nan=False))["result"]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.answer.held_forces import HeldForces, drive_rows, held_forces
 from cartstiff.core import numerics
-from cartstiff.core.arrays import Array, Result, checked_length
+from cartstiff.core.arrays import Array, Result, checked_length, plain
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import CartstiffError, InputError, UndefinedError
 from cartstiff.core.figures import draw_bars, new_figure
@@ -121,8 +121,6 @@ class Capacity(Result, LabelledResult):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        from cartstiff.core.arrays import plain
-
         own = {n: getattr(self, n) for n in ("linear", "by_equilibrium")}
         each = {n: None if x is None else x._asdict() for n, x in own.items()}
         data: dict[str, Any] = plain(

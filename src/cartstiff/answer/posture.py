@@ -4,7 +4,7 @@ and its notes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
@@ -75,7 +75,6 @@ def answer_at(
     load_at: Array | None = None,
     load_kind: Behaviour = "dead",
     allowed: float | None = None,
-    quickly: bool = False,
 ) -> Answer:
     """The answer at a posture.
 
@@ -97,21 +96,17 @@ def answer_at(
         Its behaviour while the body moves.
     allowed : float, optional
         Allowed displacement of M's origin, which limits the load.
-    quickly : bool
-        Without the equilibrium and without tables, as a page needs it while it is
-        dragged.
     """
     here, elastic = result.at(at), result.elastic
     name = connection or ("load" if result.is_loaded else "B")
     point = here.T_M_N[:3, 3]
     acts_at = point if load_at is None else load_at
     found = deflection_found(result, name, wrench, acts_at, point, Notes())
-    # Where the posture resists, how far the load moves the point, beside the equilibrium
-    # if there is time for it.
+    # Where the posture resists, how far the load moves the point, beside the equilibrium.
     moved, shares, notes = None, None, list(result.notes)
     if found is not None and is_resisted(here, name, found):
         moved, shares = _displacement(result, found), shares_of(found.shares, elastic)
-        if found.by != "preload" and not quickly:
+        if found.by != "preload":
             moved, more = _beside_equilibrium(result, moved, found, load_kind)
             told = {note.code for note in notes}
             notes += [note for note in more if note.code not in told]
@@ -121,14 +116,14 @@ def answer_at(
         elastic,
         notes,
         verdict=verdict,
-        about=() if quickly else [said("mechanism"), *circumstances(result)],
+        about=[said("mechanism"), *circumstances(result)],
         weight=result.weighed,
         load=load_of(result),
         displacement=moved,
         shares=shares,
         extremes=tuple(extremes_of(result, here, name)),
-        statements=strength_statements(result, allowed, quickly),
-        tables=() if quickly else tuple(tables_of(result, shares)),
+        statements=strength_statements(result, allowed),
+        tables=tuple(tables_of(result, shares)),
     )
 
 
@@ -349,11 +344,10 @@ def extremes_of(
     result: PostureStiffness,
     here: StiffnessInFrame,
     connection: str,
-    others: Iterable[Others] = _OTHERS,
 ) -> Iterator[Extreme]:
     """Softest and stiffest directions of each freedom, where every load is resisted."""
     R, exist = here.pose[:3, :3], _freedoms_of(result, here, connection)
-    for how, freedom in product(others, _FREEDOMS):
+    for how, freedom in product(_OTHERS, _FREEDOMS):
         # With the others held: they are, by themselves, where the body does not have
         # them.
         if freedom not in exist or (how == "held" and len(exist) < 2):

@@ -25,7 +25,7 @@ _ACCURACY, _UNSAID = 1e-3, 0.02
 
 
 def strength_statements(
-    result: PostureStiffness, allowed: float | None = None, quickly: bool = False
+    result: PostureStiffness, allowed: float | None
 ) -> list[Statement]:
     """Which drive is loaded most, and how many times the load is held."""
     found = force_statements(result.forces, result.units)
@@ -38,7 +38,7 @@ def strength_statements(
     from cartstiff.answer.capacity import capacity_at
 
     try:
-        own = capacity_at(result, allowed, 1.0 if quickly else _ACCURACY)
+        own = capacity_at(result, allowed, _ACCURACY)
     except CartstiffError:
         return found
     linear, there = own.linear, own.by_equilibrium

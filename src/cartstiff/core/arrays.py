@@ -396,11 +396,11 @@ def checked_unit(values: ArrayLike) -> Array:
     return scaled / numerics.norm(scaled)
 
 
-def checked_number(value: object, what: str, *, where: str | None = None) -> float:
+def checked_number(value: object, what: str) -> float:
     """One finite number."""
     if type(value) is float and isfinite(value):
         return value
-    return float(checked_array(value, (), what, where=where, copy=False))  # type: ignore[arg-type]
+    return float(checked_array(value, (), what, copy=False))  # type: ignore[arg-type]
 
 
 def named_values(

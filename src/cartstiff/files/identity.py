@@ -140,10 +140,8 @@ def require_versions(wanted: Mapping[str, str]) -> None:
             )
 
 
-def require_same(
-    there: Mapping[str, Any], here: Mapping[str, Any], path: Path, what: str
-) -> None:
-    """Refuse to resume a stored result of another identity,
+def require_same(there: Mapping[str, Any], here: Mapping[str, Any], path: Path) -> None:
+    """Refuse to resume a stored map of another identity,
     in one line with the difference.
 
     Parameters
@@ -152,14 +150,12 @@ def require_same(
         From `identity_of`: stored in the file, and wanted now.
     path : Path
         The file.
-    what : str
-        Kind of result: "map".
     """
     where, anew = one_line(str(path)), "or another output file for a new one"
     files = _changed(there.get("files", []), here["files"])
     if files is not None:
         raise InputError(
-            f"the file holds the {what} of another mechanism: {files}",
+            f"the file holds the map of another mechanism: {files}",
             where=where,
             expected=f"the files that it was made from, {anew}",
         )
@@ -167,7 +163,7 @@ def require_same(
     for package, number in here["versions"].items():
         if kept.get(package) != number:
             raise InputError(
-                f"the file holds the {what} of another version of {package}",
+                f"the file holds the map of another version of {package}",
                 where=where,
                 expected=f"{kept.get(package)} as in the file, {anew}",
                 got=number,
@@ -185,12 +181,12 @@ def require_same(
         if key == "mechanism":
             words = _PARTS.get(part, one_line(part))  # the file may name any part
             raise InputError(
-                f"the file holds the {what} of another mechanism, with other {words}",
+                f"the file holds the map of another mechanism, with other {words}",
                 where=where,
                 expected=f"the same mechanism, {anew}",
             )
         raise InputError(
-            f"the file holds another {what}: {part} differs",
+            f"the file holds another map: {part} differs",
             where=where,
             expected=f"{one_line(json.dumps(a))} as in the file, {anew}",
             got=json.dumps(b),

@@ -69,15 +69,14 @@ class LegEndsModel(Ring):
         "instead of the circle", None, min_length=1, max_length=100
     )
 
-    @model_validator(mode="after")
-    def _is_circle_or_points(self) -> LegEndsModel:
+    def _fits(self) -> None:
+        super()._fits()
         only_one(self, "radius", "points")
         circle = self.half_angle, self.angles, self.height or None
         if self.points is not None and circle != (None, None, None):
             raise ValueError(
                 "half_angle, angles and height go with radius, not with points"
             )
-        return self
 
 
 class NamedLegs(FileModel):
@@ -160,8 +159,7 @@ class NamedLegs(FileModel):
             )
         return value
 
-    @model_validator(mode="after")
-    def _fits(self) -> NamedLegs:
+    def _fits(self) -> None:
         if not _KNOWN_CHAINS.fullmatch(self.chain):
             raise ValueError(f"unknown chain {self.chain!r} (expected {_CHAIN_EXAMPLES})")
         first, strut = self.chain[0], self.chain[1] in "PC"
@@ -183,7 +181,6 @@ class NamedLegs(FileModel):
                 raise ValueError(f"a leg {self.chain} needs {key}: its length")
         if self.actuated == [] and self.stiffness is not None:
             raise ValueError("stiffness is of driven joints, and actuated is empty")
-        return self
 
 
 _Across = Annotated[Sliding, RIGID]
@@ -235,19 +232,15 @@ class LegModel(Joints):
     )
     _drawing: Any = PrivateAttr(default=None)
 
-    @model_validator(mode="after")
-    def _has_springs_by_joint(self) -> LegModel:
+    def _fits(self) -> None:
+        super()._fits()
         if isinstance(self.springs, NamedSprings):
             raise ValueError(
                 f"springs {self.springs.name!r}: a name is read in kind serial and "
                 "closed-chain; give the springs of a leg by joint"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _gives_at_its_contact(self) -> LegModel:
         if self.contact_stiffness is None:
-            return self
+            return
         if self.contact == "rigid":
             raise ValueError("contact_stiffness is of a contact: soft-finger or point")
         for name in self.contact_stiffness.by_joint():
@@ -255,7 +248,6 @@ class LegModel(Joints):
                 raise ValueError(
                     f"contact_stiffness has the spring of {name}: give it once"
                 )
-        return self
 
     @property
     def contact_springs(self) -> dict[str, float]:

@@ -53,10 +53,8 @@ class CubicModel(FileModel):
     )
     centre: Vector | Number = keyed("in F; one number: on z", 0.0)
 
-    @model_validator(mode="after")
-    def _one(self) -> CubicModel:
+    def _fits(self) -> None:
         only_one(self, "edge", "size")
-        return self
 
 
 _RING_KEYS = ("radius", "half_angle", "angles")
@@ -78,18 +76,16 @@ class LayoutModel(FileModel):
     )
     cubic: CubicModel | None = None
 
-    @model_validator(mode="after")
-    def _fits(self) -> LayoutModel:
+    def _fits(self) -> None:
         rings = {"base": self.base, "platform": self.platform}
         if self.cubic is None:
             self._fits_circles(rings)
-            return self
+            return
         others = {f"{n}.{k}": getattr(r, k) for n, r in rings.items() for k in _RING_KEYS}
         others |= {"turn": self.turn, "symmetry": self.symmetry}
         for key, value in others.items():
             if value is not None:
                 raise ValueError(f"{key} is not for a cubic layout")
-        return self
 
     def _fits_circles(self, rings: dict[str, RingModel]) -> None:
         """Refuse what is missing, or more than the circles need."""
@@ -231,15 +227,13 @@ class StrutModel(FileModel):
     upper: FlexureModel = keyed("at the platform")
     mass: LegMassModel | PerLeg | None = keyed("in place of mass in legs", None)
 
-    @model_validator(mode="after")
-    def _stands(self) -> StrutModel:
+    def _fits(self) -> None:
         if self.lower.torsion == self.upper.torsion == 0.0:
             raise ValueError(
                 "the strut would spin: one of its flexures needs torsion above 0"
             )
         if self.lower.bending == math.inf and self.upper.bending == math.inf:
             raise ValueError("one of the flexures must bend: both are rigid")
-        return self
 
 
 class LinesLegs(FileModel):
@@ -301,15 +295,13 @@ class LinesLegs(FileModel):
         own = {"limits": bounds.get("length"), "force": bounds.get("force")}
         return rest | {key: x for key, x in own.items() if x is not None}
 
-    @model_validator(mode="after")
-    def _one(self) -> LinesLegs:
+    def _fits(self) -> None:
         if self.stiffness is None and self.strut is None:
             raise ValueError("key 'stiffness' is missing: give stiffness, or strut")
         only_one(self, "stiffness", "strut")
         only_one(self, "rest_length", "preload", needed=False)
         if self.strut is not None and None not in (self.strut.mass, self.mass):
             raise ValueError("give mass in legs or in strut, not both")
-        return self
 
 
 class _BodyOnLines(FileWords):
@@ -363,8 +355,6 @@ class SpringsFile(_BodyOnLines):
     platform: Vectors = keyed("points of the body in P")
     unilateral: Each[Flag] = keyed("cables: they cannot push; or one per line", False)
 
-    @model_validator(mode="after")
-    def _pull(self) -> SpringsFile:
+    def _fits(self) -> None:
         if np.any(self.unilateral) and self.legs.strut is not None:
             raise ValueError("struts can push: unilateral is for cables")
-        return self

@@ -153,6 +153,14 @@ class FileModel(BaseModel):
                 raise PydanticCustomError("extra_forbidden", "unknown key", says)
         return value
 
+    @model_validator(mode="after")
+    def _agrees(self) -> Self:
+        self._fits()
+        return self
+
+    def _fits(self) -> None:
+        """Refuse keys that do not go together, by a ValueError."""
+
 
 if TYPE_CHECKING:
     _Section = TypeVar("_Section")
@@ -270,10 +278,8 @@ class Ring(FileModel):
         None,
     )
 
-    @model_validator(mode="after")
-    def _one(self) -> Self:
+    def _fits(self) -> None:
         only_one(self, "half_angle", "angles", needed=False)
-        return self
 
     def pair(self, turn: float | None, is_base: bool) -> list[float]:
         """Angles of the joints of the first two legs.
@@ -391,15 +397,13 @@ class JointSpringModel(FileModel):
         None,
     )
 
-    @model_validator(mode="after")
-    def _one_law(self) -> JointSpringModel:
+    def _fits(self) -> None:
         only_one(self, "stiffness", "polynomial", "table")
         for i, c in enumerate(self.polynomial or (), start=1):
             if i > 1 and isinstance(c, GivenStiffness):
                 raise _no_unit(f"polynomial.{i}", c.text)
         if self.stiffness == math.inf and self.rest is not None:
             raise ValueError("a rigid joint has no rest position: it stays where it is")
-        return self
 
     @property
     def points(self) -> SpringTableModel | None:
@@ -546,21 +550,19 @@ class FlexibleModel(FileModel):
         "place of the spring in the link's frame", PoseModel.model_construct()
     )
 
-    @model_validator(mode="after")
-    def _one(self) -> FlexibleModel:
+    def _fits(self) -> None:
         only_one(self, "stiffness", "beam")
         for key in ("stiffness", "mass"):
             if not is_symmetric(getattr(self, key) or [[0.0]]):
                 raise ValueError(f"{key} must be symmetric")
         if self.mass is None:
-            return self
+            return
         if self.beam is not None:
             raise ValueError("mass is that of a stiffness; a beam has density")
         M = np.array(self.mass)
         sizes = numerics.equilibration(M)
         if np.linalg.eigvalsh(M / np.outer(sizes, sizes))[0] < -numerics.ZERO_SHARE:
             raise ValueError("mass must have no negative eigenvalue")
-        return self
 
     @field_validator("stiffness", mode="before")
     @classmethod
@@ -585,10 +587,8 @@ class LineModel(FileModel):
     preload: Number | None = keyed("tension at q", None)
     unilateral: Flag = False
 
-    @model_validator(mode="after")
-    def _one(self) -> LineModel:
+    def _fits(self) -> None:
         only_one(self, "rest_length", "preload", needed=False)
-        return self
 
 
 class FileWords(FileModel):
@@ -629,11 +629,9 @@ class DHJoint(FileModel):
     theta: Number = keyed("angle about z; of a revolute joint where q is 0", 0.0)
     limits: Limits | None = keyed("[least, most] of q", None)
 
-    @model_validator(mode="after")
-    def _one(self) -> DHJoint:
+    def _fits(self) -> None:
         if self.limits is not None and self.type == "fixed":
             raise ValueError("limits are of a joint that moves")
-        return self
 
 
 class DHModel(FileModel):
@@ -655,12 +653,10 @@ class DHModel(FileModel):
     )
     units: DHUnits = keyed("of the numbers under joints", DHUnits.model_construct())
 
-    @model_validator(mode="after")
-    def _one(self) -> DHModel:
+    def _fits(self) -> None:
         only_one(self, "joints", "table")
         if self.table is not None and self.units != DHUnits():
             raise ValueError("units of a table are in its heads")
-        return self
 
 
 class _Robot(FileModel):
@@ -683,10 +679,8 @@ class _Robot(FileModel):
             raise PydanticCustomError("missing", "key 'model' is missing, or 'dh'")
         return model
 
-    @model_validator(mode="after")
-    def _is_described(self) -> Self:
+    def _fits(self) -> None:
         only_one(self, "model", "dh")
-        return self
 
     @property
     def named_folders(self) -> tuple[str, ...]:
@@ -782,11 +776,9 @@ class ClosureModel(FileModel):
         None,
     )
 
-    @model_validator(mode="after")
-    def _has_axes(self) -> ClosureModel:
+    def _fits(self) -> None:
         if self.axes is not None and self.type not in ("hinge", "universal"):
             raise ValueError("axes are of a hinge or a universal joint")
-        return self
 
 
 class ClosedChainFile(Joints, FileWords):

@@ -235,15 +235,15 @@ def is_table(value: Any) -> bool:
     )
 
 
-def cells_of(table: Any, what: str, joints: tuple[str, ...] = ()) -> Cells:
-    """Return the cells of a table with named columns that is in memory.
+def cells_of(table: Any, joints: tuple[str, ...]) -> Cells:
+    """Return the cells of a table of measurements with named columns, in memory.
 
     Parameters
     ----------
     table : mapping of str to sequence, structured array, or data frame
         Columns by name; a data frame has ``columns`` and ``to_numpy()``, as that of
         pandas. Cells that are None or NaN are empty.
-    what, joints
+    joints
         As of `read_cells`.
 
     Raises
@@ -251,7 +251,7 @@ def cells_of(table: Any, what: str, joints: tuple[str, ...] = ()) -> Cells:
     InputError
         For columns of different lengths, without names, or without rows.
     """
-    where = f"{type(table).__name__} of {what}"
+    where = f"{type(table).__name__} of measurements"
     if isinstance(table, np.ndarray):
         table = {name: table[name] for name in table.dtype.names or ()}
     # Columns by name, or a data frame's rows; then texts, as a file has them.
@@ -277,7 +277,7 @@ def cells_of(table: Any, what: str, joints: tuple[str, ...] = ()) -> Cells:
                 got=repr(name),
             )
     if not rows:
-        raise InputError(f"no {what}", where=where, expected="at least one row")
+        raise InputError("no measurements", where=where, expected="at least one row")
     heads = _numbered(tuple(name.strip() for name in names), joints)
     places = [f"{where}, row {i}" for i in range(1, len(rows) + 1)]
     return Cells(heads, [[*map(_cell, row)] for row in rows], places, where)

@@ -144,9 +144,7 @@ def _springs(
             yield from zip(parts.names, parts.slides, *numbers, strict=True)
 
 
-def force_notes(
-    forces: tuple[DriveForce, ...], elastic: ElasticMechanism, what: str = ""
-) -> list[Note]:
+def force_notes(forces: tuple[DriveForce, ...], elastic: ElasticMechanism) -> list[Note]:
     """Return a note on drives whose forces are beyond their limits."""
     largest = max((abs(one.force) for one in forces if one.force == one.force), default=0)
     beyond = [
@@ -160,7 +158,7 @@ def force_notes(
         for one in forces
         if one.margin < -numerics.LIMIT_SLACK * largest
     ]
-    return [note_beyond(what, beyond, code="force-limits")] if beyond else []
+    return [note_beyond("", beyond, code="force-limits")] if beyond else []
 
 
 def rigid_torques(

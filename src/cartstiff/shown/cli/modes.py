@@ -27,7 +27,6 @@ from cartstiff.shown.cli.options import (
     declared,
     only_endings,
 )
-from cartstiff.shown.cli.tables import read_target
 
 if TYPE_CHECKING:
     from cartstiff.answer.data import Table
@@ -71,6 +70,7 @@ class Controller:
         from cartstiff.answer.vibration.answer import impedance_tables
         from cartstiff.answer.vibration.controllers import impedance
         from cartstiff.core.stiffness.tensor import StiffnessTensor
+        from cartstiff.shown.cli.tables import read_target
 
         elastic = modes.elastic
         target = read_target(self.impedance, self.order, "--impedance")

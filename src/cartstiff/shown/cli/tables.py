@@ -11,18 +11,29 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from cartstiff.core import numerics
+from cartstiff.core.arrays import checked_array
 from cartstiff.core.choices import LARGEST_INPUT, ORDERS, Axes
 from cartstiff.core.errors import InputError, check_name, one_line
+from cartstiff.core.geometry import se3
 from cartstiff.core.matrix_names import LETTERS
-
-if TYPE_CHECKING:
-    from cartstiff.core.mechanisms.contract import Mechanism
-    from cartstiff.core.stiffness.compute import PostureStiffness
-    from cartstiff.core.units import Units
-    from cartstiff.wings.toolpaths.tool_path import ToolPath
-
+from cartstiff.core.mechanisms.contract import Mechanism
+from cartstiff.core.stiffness.compute import PostureStiffness
+from cartstiff.core.units import SI, Units, convert_length
+from cartstiff.files.tables import (
+    DIRECTION,
+    FORCE,
+    MOMENT,
+    WRENCH,
+    along_axes,
+    read_rows,
+)
+from cartstiff.files.yaml_file import read_bytes
+from cartstiff.wings.toolpaths.tool_path import ToolPath
 
 # In the right order, the translation block times the squared length of the mechanism is
 # about as stiff as the rotation block; the other order is off by the fourth power of the
@@ -74,10 +85,6 @@ class Target:
         InputError
             For another frame than the body's, or unknown units.
         """
-        import numpy as np
-
-        from cartstiff.core.units import Units, convert_length
-
         if self.frame not in (None, "body", mechanism.frame):
             raise InputError(
                 "is for another frame",
@@ -103,13 +110,9 @@ class Target:
             As `in_units_of`, and for numbers that fit only with rotation and translation
             exchanged.
         """
-        import numpy as np
-
-        from cartstiff.core.geometry.se3 import SWAP
-
         mechanism = result.elastic.mechanism
         K = self.in_units_of(mechanism)
-        K = K if self.order == ORDERS[0] else K[SWAP][:, SWAP]
+        K = K if self.order == ORDERS[0] else K[se3.SWAP][:, se3.SWAP]
         turn, move = np.trace(K[:3, :3]), np.trace(K[3:, 3:]) * result.posture.length**2
         if self.order_from == "default" and turn > 0 and move > 0:
             exchanged = (
@@ -141,8 +144,6 @@ def _of_numpy(data: bytes) -> Any:
 
     For a broken file the reader raises any exception.
     """
-    import numpy as np
-
     try:
         return np.load(io.BytesIO(data), allow_pickle=False)
     except Exception as error:
@@ -155,12 +156,6 @@ def read_target(path: Path, order: str | None = None, option: str = "--target") 
 
     Messages name the option that names the file.
     """
-    import numpy as np
-
-    from cartstiff.core import numerics
-    from cartstiff.core.arrays import checked_array
-    from cartstiff.files.yaml_file import read_bytes
-
     where = f"{option} {one_line(str(path))}"
     if path.suffix not in (".json", ".csv", ".npy"):
         raise InputError(
@@ -221,8 +216,6 @@ def _matrix_in(where: str) -> Iterator[None]:
 
 def _contents(path: Path, data: bytes) -> tuple[dict[str, Any], Any]:
     """What a file says beside its matrix, and the matrix, or the object with both."""
-    from cartstiff.files.tables import read_rows
-
     if path.suffix == ".npy":
         return {}, _of_numpy(data)
     if path.suffix == ".json":
@@ -315,7 +308,7 @@ def read_path_file(
     direction: list[float] | None = None,
     axes: Axes | None = None,
     base: Any = None,
-    units: Units | None = None,
+    units: Units = SI,
 ) -> ToolPath:
     """Read a path of the tool from a file.
 
@@ -338,24 +331,16 @@ def read_path_file(
         Axes of wrenches and directions; default those of the file's poses.
     base : ndarray (4, 4), optional
         Pose of the robot's own base B in F; default F itself.
-    units : Units, optional
-        Units of lengths and forces; default SI.
+    units : Units
+        Units of lengths and forces.
 
     Raises
     ------
     InputError
         With the line, for anything that cannot be used.
     """
-    import numpy as np
-
-    from cartstiff.core.geometry import se3
-    from cartstiff.core.units import SI
-    from cartstiff.files.tables import DIRECTION, WRENCH, along_axes, read_rows
-    from cartstiff.wings.toolpaths.tool_path import ToolPath
-
     # Columns by their names, or in the order of poses and wrenches.
     where = one_line(str(file))
-    units = units or SI
     rows = read_rows(file, "points", units=units)
     if rows.names is None:
         names, values, _ = rows.arranged(
@@ -414,8 +399,6 @@ def along_world(rows: Any, base: Any) -> Any:
     """Vectors along the axes of the base at a pose, as wrenches (m, 6), in the room;
     None for none.
     """
-    import numpy as np
-
     if rows is None:
         return None
     return (np.reshape(rows, (-1, 3)) @ base[:3, :3].T).reshape(np.shape(rows))
@@ -426,10 +409,6 @@ def wrench_columns(table: Mapping[str, Any]) -> Any:
 
     A missing half is zero.
     """
-    import numpy as np
-
-    from cartstiff.files.tables import WRENCH
-
     there = [name for name in WRENCH if name in table]
     if not there:
         return None
@@ -447,8 +426,6 @@ def one_of_axes(option: Axes | None, named: Axes | None, place: str) -> Axes | N
 
 
 def _check_names(names: tuple[str, ...], where: str) -> None:
-    from cartstiff.files.tables import DIRECTION, FORCE, MOMENT
-
     groups = (_POSITION, _ANGLES, _AXIS, MOMENT, FORCE, DIRECTION)
     known = [name for group in groups for name in group]
     for name in names:

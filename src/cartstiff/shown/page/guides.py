@@ -4,7 +4,6 @@ mechanism.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -160,10 +159,10 @@ def guided_sources() -> list[Source]:
     return [Source(load(guide.mechanism)) for guide in GUIDES]
 
 
-def guides_in_words(guides: Sequence[Guide] = GUIDES) -> list[dict[str, Any]]:
+def guides_in_words() -> list[dict[str, Any]]:
     """What a page needs of them, each text in one line."""
 
     def plain(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         return {key: " ".join(x.split()) if key == "words" else x for key, x in pairs}
 
-    return [asdict(guide, dict_factory=plain) for guide in guides]
+    return [asdict(guide, dict_factory=plain) for guide in GUIDES]

@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from cartstiff.core.choices import LARGEST_INPUT
 from cartstiff.core.errors import InputError, one_line, printable
 from cartstiff.core.matrix_names import Letter
+from cartstiff.core.stiffness.applied_load import Axes
 
 #: Bytes of a message that are read; a longer one is refused.
 LARGEST_MESSAGE = 64 * 1024
@@ -27,12 +28,13 @@ _Number = Annotated[
     float, Field(ge=-LARGEST_INPUT, le=LARGEST_INPUT, allow_inf_nan=False)
 ]
 _NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST_INPUT, allow_inf_nan=False)]
+_Positive = Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None
+_Stiffnesses = Annotated[list[_NotNegative | None], Field(min_length=1, max_length=500)]
 _Short = Annotated[str, Field(min_length=1, max_length=200)]
 _Vector = Annotated[list[_Number], Field(min_length=1, max_length=500)]
 _Three = tuple[_Number, _Number, _Number]
 _Four = tuple[_Number, _Number, _Number, _Number]
 _Six = tuple[_Number, _Number, _Number, _Number, _Number, _Number]
-_Axes = Literal["body", "world"]
 
 
 class _Strict(BaseModel):
@@ -45,10 +47,10 @@ class Measure(_Strict):
     """How large values are drawn, as `cartstiff.shown.scene.scales` says in a legend."""
 
     kind: Literal["root", "linear", "log"]
-    value_per_length: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
-    cut_at: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
-    zero_at: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
-    length_per_decade: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
+    value_per_length: _Positive = None
+    cut_at: _Positive = None
+    zero_at: _Positive = None
+    length_per_decade: _Positive = None
 
 
 class ViewState(_Strict):
@@ -111,13 +113,11 @@ class ViewState(_Strict):
     connection: Letter = "load"
     quantity: Literal["stiffness", "compliance"] = "stiffness"
     others: Literal["free", "held"] = "free"
-    axes: _Axes = "body"
+    axes: Axes = "body"
     point: _Three = (0.0, 0.0, 0.0)
-    stiffness: (
-        Annotated[list[_NotNegative | None], Field(min_length=1, max_length=500)] | None
-    ) = None
+    stiffness: _Stiffnesses | None = None
     load: _Six | None = None
-    load_axes: _Axes = "body"
+    load_axes: Axes = "body"
     load_kind: Literal["dead", "follower", "conservative"] = "dead"
     load_at: _Three | None = None
     gravity: _Three | None = None
@@ -126,7 +126,7 @@ class ViewState(_Strict):
     ghost: _Vector | None = None
     quantity_of_map: _Short | None = None
     mode: Annotated[int, Field(ge=1, le=500)] | None = None
-    allowed: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
+    allowed: _Positive = None
     measures: dict[Literal["translation", "rotation"], Measure] | None = None
     theme: Literal["light", "dark"] = "light"
     translation: bool = True
@@ -135,7 +135,7 @@ class ViewState(_Strict):
     labels: bool = True
     wrench: bool = True
     deflection: bool = True
-    enlarged: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
+    enlarged: _Positive = None
     drawn: Literal["stiffness", "compliance"] | None = None
     centres: bool = False
     held_forces: bool = False
@@ -235,7 +235,7 @@ class WhatIf(_Request):
     """
 
     do: Literal["stiffer"]
-    to: Annotated[list[_NotNegative | None], Field(min_length=1, max_length=500)]
+    to: _Stiffnesses
 
 
 class Series(_Request):

@@ -238,9 +238,7 @@ def _range(
 _FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
 
 
-def shown_numbers(
-    result: PostureStiffness, state: ViewState, whole: bool = False
-) -> dict[str, Any]:
+def shown_numbers(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     """Everything that the page shows as numbers at one posture.
 
     Parameters
@@ -249,9 +247,6 @@ def shown_numbers(
         The posture.
     state : ViewState
         The state of the tab.
-    whole : bool
-        Whether "result" is all that ``cartstiff analyse --json`` prints; else without the
-        Jacobian and without the matrices of the quantity that is not shown.
 
     Returns
     -------
@@ -269,7 +264,7 @@ def shown_numbers(
     numbers = _indices(pair)
     # The chosen quantity takes the place of its None below; the other one is not sent.
     answer: dict[str, Any] = {
-        "result": result.to_dict() if whole else _part(result, state.quantity),
+        "result": _part(result, state.quantity),
         "has_compliance": pair.K is not None or result.reduction.compliance is not None,
         "position": result.pose[:3, 3].tolist(),
         "frame": None if T is None else T.tolist(),

@@ -268,7 +268,7 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
     else:
         from cartstiff.wings.maps.reading import map_of_mechanism
 
-        data, differs = map_of_mechanism(path, elastic, "--map")
+        data, differs = map_of_mechanism(path, elastic)
     where = one_line(str(path))
     if "position" not in data:
         raise InputError(

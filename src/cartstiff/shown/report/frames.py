@@ -18,8 +18,8 @@ from cartstiff.core.potentials.springs import Springs
 from cartstiff.core.units import Units
 from cartstiff.shown.report.layout import (
     body_frame,
-    length_of,
     lengths,
+    number,
     placed,
     vector,
 )
@@ -279,7 +279,7 @@ def _leg_words(leg: Mapping[str, Any], units: Units) -> str:
     ends = [", ".join(f"{per * x:.4g}" for x in leg[key]) for key in ("from", "to")]
     words = [f"{leg['stiffness'] / per:.6g} {units.force}/{unit}"]
     if leg["rest"] is not None:
-        words.append(f"rest length {length_of(leg['rest'], units, 6)}")
+        words.append(f"rest length {number(per * leg['rest'], 6)} {unit}")
     if leg["preload"] is not None:
         words.append(f"preload {leg['preload']:.6g} {units.force}")
     if leg["longest"] is not None:

@@ -58,11 +58,6 @@ def lengths(values: Any, units: Units) -> Any:
     return np.asarray(values, float) * units.shown_per_length
 
 
-def length_of(value: float, units: Units, digits: int = 5) -> str:
-    """One length in the unit of texts: "172.4 mm"."""
-    return f"{number(float(lengths(value, units)), digits)} {units.shown_length}"
-
-
 def table(
     titles: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[int] = ()
 ) -> list[str]:

@@ -37,7 +37,7 @@ def map_section(
     UnknownNameError
         If it has no such quantity.
     """
-    dataset, differs = map_of_mechanism(path, elastic, "--map")
+    dataset, differs = map_of_mechanism(path, elastic)
     file, name = MapFile.at(path), quantity or quantities_of(dataset)[0]
     figure = draw_map(dataset, name, angle=elastic.units.shown_angle)
     drawn, facts = figure_content(figure, ".svg").decode(), summary(file)

@@ -531,9 +531,9 @@ def _sign(value: float, is_line: bool) -> str:
     return "-" if value < 0.0 and not is_line else ""
 
 
-def vector_words(values: Sequence[float], digits: int = 2) -> str:
+def vector_words(values: Sequence[float]) -> str:
     """A unit vector in brackets."""
-    return f"({', '.join(f'{round(x, digits) + 0.0:g}' for x in values)})"
+    return f"({', '.join(f'{round(x, 2) + 0.0:g}' for x in values)})"
 
 
 def displacement_words(answer: Answer) -> Iterator[str]:

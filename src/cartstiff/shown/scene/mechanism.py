@@ -5,6 +5,7 @@ lines by tension.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from math import sqrt
 from typing import Any, cast
 
@@ -138,23 +139,60 @@ class LinesPicture:
                 line.set_property("color", [*theme.fractions(shade), 1.0])
 
 
-class PlatformPicture:
+@dataclass(eq=False)
+class _Picture:
+    """Draws a mechanism once, then moves it.
+
+    Attributes
+    ----------
+    node : ViewerNode
+        Where it is drawn, in the mechanism's own unit of length.
+    elastic : ElasticMechanism
+        The mechanism.
+    size : float
+        Its size, in its unit: how thick sticks are.
+    look : Theme
+        Colours of sticks.
+    ghost : bool
+        Translucent and in one colour.
+    notes : list of str
+        Parts that cannot be shown, and what is drawn instead.
+    """
+
+    node: ViewerNode
+    elastic: ElasticMechanism
+    size: float
+    look: theme.Theme
+    ghost: bool = False
+    notes: list[str] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        raise NotImplementedError
+
+    def corners(self, _: Any) -> Array:
+        """Corners (n, 3) in F of boxes at a posture, around what `extent` leaves out."""
+        return np.zeros((0, 3))
+
+    def facts(self) -> dict[str, Any]:
+        """Facts for a viewer that moves the picture itself."""
+        return {}
+
+
+class PlatformPicture(_Picture):
     """Draws a Stewart-Gough platform, a body on springs, or a cable robot;
     then moves it.
     """
 
-    def __init__(
-        self,
-        node: ViewerNode,
-        elastic: ElasticMechanism,
-        size: float,
-        look: theme.Theme,
-        *,
-        ghost: bool = False,
-    ) -> None:
+    def __post_init__(self) -> None:
+        node, elastic, size, look, ghost = (
+            self.node,
+            self.elastic,
+            self.size,
+            self.look,
+            self.ghost,
+        )
         self._platform = platform = cast(Platform, elastic.mechanism)
         cables = elastic.springs is not None and bool(elastic.springs.unilateral)
-        self.notes: list[str] = []
         radius, thick = 0.011 * size, 0.025 * size
         self._body = node["body"]
         # The body: a plate, or rods to its points.
@@ -222,10 +260,6 @@ class PlatformPicture:
         points = platform.points @ T[:3, :3].T + T[:3, 3]
         self._lines.move(platform.anchors, points, legs)
 
-    def corners(self, _: PlatformPosture) -> Array:
-        """No boxes: plates and legs are within `extent`."""
-        return np.zeros((0, 3))
-
     def facts(self) -> dict[str, Any]:
         """Facts about the legs, for a viewer that moves the picture itself."""
         return {"telescope": self._lines.telescope}
@@ -262,40 +296,13 @@ def _edges(corners: Array, colour: int) -> objects.Object | None:
 _UNPAINTED = 0xC8CCD0
 
 
-class ChainPicture:
-    """Draws a chain once, then moves it.
-
-    Parameters
-    ----------
-    node : ViewerNode
-        Where it is drawn, in the mechanism's own unit of length.
-    elastic : ElasticMechanism
-        The mechanism; springs between its links are shown by the stick figure.
-    size : float
-        Its size, in its unit: how thick sticks are.
-    look : Theme
-        Colours of sticks.
-    ghost : bool
-        Translucent and in one colour.
-
-    Attributes
-    ----------
-    notes : list of str
-        Parts that cannot be shown, and what is drawn instead.
+class ChainPicture(_Picture):
+    """Draws a chain once, then moves it; springs between its links are shown by the stick
+    figure.
     """
 
-    def __init__(
-        self,
-        node: ViewerNode,
-        elastic: ElasticMechanism,
-        size: float,
-        look: theme.Theme,
-        *,
-        ghost: bool = False,
-    ) -> None:
-        chain = cast(Chain, elastic.mechanism)
-        self._chain, self._size, self._theme, self._ghost = chain, size, look, ghost
-        self._node = node
+    def __post_init__(self) -> None:
+        self._chain = chain = cast(Chain, self.elastic.mechanism)
         self._boxes: list[tuple[FixedFrame, Array]] = []
         pieces, self._missing = visuals_of(chain)
         self._joints: dict[int, ViewerNode] = {}
@@ -304,13 +311,12 @@ class ChainPicture:
         )
         # Lengths of a robot description are metres, as are those of its mechanism.
         shown = [self._piece(i, visual) for i, visual in enumerate(pieces)]
-        self.notes: list[str] = []
         if self._missing:
             others = f" (and {n} more like it)" if (n := len(self._missing) - 1) else ""
             self.notes.append(self._missing[0] + others)
         self._sliders: list[tuple[ViewerNode, FixedFrame, Array, FixedFrame]] = []
         if self.notes or not any(shown):
-            self._sticks(elastic.potentials)
+            self._sticks(self.elastic.potentials)
             if self.notes:
                 self.notes.append("sticks between the joints are drawn instead")
         self._moving = sorted(j for j in self._joints if j > 0)
@@ -354,7 +360,7 @@ class ChainPicture:
 
     def _on(self, joint: int) -> ViewerNode:
         if joint not in self._joints:
-            self._joints[joint] = self._node[f"joint {joint}"]
+            self._joints[joint] = self.node[f"joint {joint}"]
         return self._joints[joint]
 
     def _piece(self, i: int, visual: Visual) -> bool:
@@ -383,11 +389,9 @@ class ChainPicture:
             self._boxes.append((FixedFrame(visual.at.joint, np.eye(4)), box))
         colour, opacity = self._paint(visual, mesh)
         for k, (geometry, own) in enumerate(
-            _geometries(visual.shape, mesh, not self._ghost)
+            _geometries(visual.shape, mesh, not self.ghost)
         ):
             part = node if k == 0 else node[f"part {k}"]
-            if "color" in geometry.get("data", {}).get("attributes", {}):
-                colour = 0xFFFFFF
             part.set_object(objects.solid(geometry, colour, opacity, own))
         node.set_transform(M)
         return True
@@ -399,10 +403,10 @@ class ChainPicture:
             opacity = max(visual.colour[3], 0.05)
         elif mesh is not None and mesh.colour is not None:
             colour = theme.hex_of(mesh.colour)
-        return theme.shade(colour, self._ghost, opacity)
+        return theme.shade(colour, self.ghost, opacity)
 
     def _sticks(self, lines: Sequence[Potential]) -> None:
-        size, look, ghost, chain = self._size, self._theme, self._ghost, self._chain
+        size, look, ghost, chain = self.size, self.look, self.ghost, self._chain
         link, knuckle = theme.shade(look.link, ghost), theme.shade(look.joint, ghost)
         radius = 0.012 * size
         for i, (joint, points) in enumerate(links_of(chain, lines)):
@@ -431,7 +435,7 @@ class ChainPicture:
                 T[:3, :3] = objects.rotation_to(screw[3:] if slides else screw[:3])
                 node.set_transform(T)
             if slides:
-                rod = self._node[f"slider {joint}"]
+                rod = self.node[f"slider {joint}"]
                 rod.set_object(objects.rod(0.7 * radius, *link))
                 model = chain.tree.model
                 start = np.array(model.jointPlacements[joint].translation)
@@ -456,17 +460,21 @@ def _geometries(
     if isinstance(shape, Box):
         return [(objects.box(shape.sides), None)]
     if isinstance(shape, Cylinder):
-        return [(objects.cylinder(shape.radius, shape.length, 32), Y_TO_Z)]
+        return [_cylinder(shape)]
     if isinstance(shape, Capsule):
         ends = []
         for side in (-0.5, 0.5):
             T = np.eye(4)
             T[2, 3] = side * shape.length
             ends.append((objects.sphere(shape.radius), T))
-        return [(objects.cylinder(shape.radius, shape.length, 32), Y_TO_Z), *ends]
+        return [_cylinder(shape), *ends]
     if isinstance(shape, MeshFile):
         return []
     return [(objects.sphere(), np.diag([*shape.radii, 1.0]))]
+
+
+def _cylinder(shape: Cylinder | Capsule) -> tuple[objects.Object, Array]:
+    return objects.cylinder(shape.radius, shape.length, 32), Y_TO_Z
 
 
 def extent(elastic: ElasticMechanism, posture: MechanismPosture) -> Array:
@@ -484,23 +492,16 @@ def _lines(elastic: ElasticMechanism, posture: MechanismPosture) -> list[Drawn]:
     return [own for own in each if own is not None]
 
 
-class PathsPicture:
+class PathsPicture(_Picture):
     """Draws the lines of `MechanismPosture.drawn`, for a kind of mechanism of
     the user's own.
     """
 
-    def __init__(
-        self,
-        node: ViewerNode,
-        elastic: ElasticMechanism,
-        size: float,
-        look: theme.Theme,  # noqa: ARG002
-        *,
-        ghost: bool = False,
-    ) -> None:
-        self.notes: list[str] = []
-        starts, _ = self._ends(elastic.mechanism.at(elastic.q))
-        self._lines = LinesPicture(node["paths"], len(starts), 0.012 * size, ghost=ghost)
+    def __post_init__(self) -> None:
+        starts, _ = self._ends(self.elastic.mechanism.at(self.elastic.q))
+        self._lines = LinesPicture(
+            self.node["paths"], len(starts), 0.012 * self.size, ghost=self.ghost
+        )
 
     @staticmethod
     def _ends(posture: MechanismPosture) -> tuple[Array, Array]:
@@ -512,45 +513,20 @@ class PathsPicture:
         """Draw the paths at a posture; below another `root` places alone."""
         self._lines.move(*self._ends(posture), root and root["paths"])
 
-    def corners(self, _: MechanismPosture) -> Array:
-        """No boxes."""
-        return np.zeros((0, 3))
-
-    def facts(self) -> dict[str, Any]:
-        """No facts."""
-        return {}
-
 
 # Pictures that show more than paths.
 _PICTURES: dict[type, Any] = {Platform: PlatformPicture, Chain: ChainPicture}
 
 
-class MechanismPicture:
-    """Draws a mechanism once, then moves it and colours what it carries.
+class MechanismPicture(_Picture):
+    """Draws a mechanism of any kind once, then moves it and colours what it carries."""
 
-    Attributes
-    ----------
-    node : ViewerNode
-        Its place.
-    notes : list of str
-        Parts that cannot be shown.
-    """
-
-    def __init__(
-        self,
-        node: ViewerNode,
-        elastic: ElasticMechanism,
-        size: float,
-        look: theme.Theme,
-        *,
-        ghost: bool = False,
-    ) -> None:
-        self.node = node
-        self._elastic = elastic
+    def __post_init__(self) -> None:
+        node, elastic, size, ghost = self.node, self.elastic, self.size, self.ghost
         kind = next((k for k in type(elastic.mechanism).__mro__ if k in _PICTURES), None)
         picture = PathsPicture if kind is None else _PICTURES[kind]
-        self._own: Any = picture(node, elastic, size, look, ghost=ghost)
-        self.notes: list[str] = self._own.notes
+        self._own: Any = picture(node, elastic, size, self.look, ghost)
+        self.notes = self._own.notes
         self._lines = [
             LinesPicture(
                 node[f"springs {i + 1}"],
@@ -569,7 +545,7 @@ class MechanismPicture:
         drawn there shows the mechanism twice.
         """
         self._own.move(posture, root)
-        lines = _lines(self._elastic, posture)
+        lines = _lines(self.elastic, posture)
         for i, (picture, own) in enumerate(zip(self._lines, lines, strict=True)):
             picture.move(own.starts, own.ends, root and root[f"springs {i + 1}"])
 
@@ -599,10 +575,10 @@ class MechanismPicture:
         """
         posture = result.posture
         self.move(posture)
-        unit, answer = self._elastic.units.force, dict[str, Any]()
+        unit, answer = self.elastic.units.force, dict[str, Any]()
         tensions, lengths = result.tensions, result.leg_lengths
         if tensions is not None and lengths is not None:
-            own, taut = self._elastic.springs, None
+            own, taut = self.elastic.springs, None
             if own is not None and own.unilateral:  # else every line is taut
                 own = result.elastic.springs  # with its rest lengths
                 taut = None if own is None else own.taut(posture)

@@ -67,8 +67,14 @@ def mesh(
         attributes["color"] = arrays(colours, normalized=True)
     small = len(positions) < 65536
     index = np.asarray(faces, np.uint16 if small else np.uint32).reshape(-1)
-    data = {"attributes": attributes, "index": arrays(index)}
-    return {"uuid": "geometry", "type": "BufferGeometry", "data": data}
+    return _buffered({"attributes": attributes, "index": arrays(index)})
+
+
+def _buffered(data: Object) -> Object:
+    """A geometry of typed arrays: attributes of its corners, with their order or
+    without.
+    """
+    return {"type": "BufferGeometry", "data": data}
 
 
 # Halvings of a mesh's size that make its grid.
@@ -90,7 +96,6 @@ def sphere(radius: float = 1.0, fine: bool = False) -> Object:
     """A sphere about the origin; a fine one for what is looked at closely."""
     n = 48 if fine else 20
     return {
-        "uuid": "geometry",
         "type": "SphereGeometry",
         "radius": radius,
         "widthSegments": n,
@@ -101,7 +106,6 @@ def sphere(radius: float = 1.0, fine: bool = False) -> Object:
 def box(sides: tuple[float, float, float]) -> Object:
     """A box about the origin."""
     return {
-        "uuid": "geometry",
         "type": "BoxGeometry",
         "width": sides[0],
         "height": sides[1],
@@ -117,7 +121,6 @@ def cylinder(radius: float, length: float, segments: int = 20) -> Object:
 def cone(radius: float, length: float, segments: int = 20, top: float = 0.0) -> Object:
     """A cone along y, its tip at +y."""
     return {
-        "uuid": "geometry",
         "type": "CylinderGeometry",
         "radiusTop": top,
         "radiusBottom": radius,
@@ -129,7 +132,6 @@ def cone(radius: float, length: float, segments: int = 20, top: float = 0.0) -> 
 def torus(radius: float, tube: float, arc: float) -> Object:
     """Part of a ring about z, from the x axis on by an angle."""
     return {
-        "uuid": "geometry",
         "type": "TorusGeometry",
         "radius": radius,
         "tube": tube,
@@ -146,12 +148,13 @@ def solid(
     matrix: Array | None = None,
     **more: Any,
 ) -> Object:
-    """A lit surface in one colour; a transparent one does not hide what is behind it."""
+    """A lit surface in one colour, or in those of its corners; a transparent one does not
+    hide what is behind it.
+    """
     vertex_colours = "color" in geometry.get("data", {}).get("attributes", {})
     material = {
-        "uuid": "material",
         "type": "MeshPhongMaterial",
-        "color": colour,
+        "color": 0xFFFFFF if vertex_colours else colour,
         "specular": 0x202020,
         "shininess": 30,
         "side": _BOTH_SIDES,
@@ -173,13 +176,13 @@ def surface(
     M = np.eye(4) if matrix is None else matrix
     return {
         "metadata": {"version": 4.5, "type": "Object"},
-        "geometries": [geometry],
-        "materials": [material],
+        "geometries": [{"uuid": "geometry", **geometry}],
+        "materials": [{"uuid": "material", **material}],
         "object": {
             "uuid": "object",
             "type": kind,
-            "geometry": geometry["uuid"],
-            "material": material["uuid"],
+            "geometry": "geometry",
+            "material": "material",
             "matrix": M.T.ravel().tolist(),
         },
     }
@@ -196,20 +199,15 @@ def lines(
     plain = isinstance(colour, int)
     if not plain:
         attributes["color"] = arrays(np.asarray(colour, np.uint8), normalized=True)
-    geometry = {
-        "uuid": "geometry",
-        "type": "BufferGeometry",
-        "data": {"attributes": attributes},
-    }
     material = {
-        "uuid": "material",
         "type": "LineBasicMaterial",
         "color": colour if plain else 0xFFFFFF,
         "opacity": opacity,
         "transparent": opacity < 1.0,
         "vertexColors": not plain,
     }
-    return surface(geometry, material, "Line" if joined else "LineSegments")
+    kind = "Line" if joined else "LineSegments"
+    return surface(_buffered({"attributes": attributes}), material, kind)
 
 
 def points(
@@ -231,13 +229,7 @@ def points(
     for name, values in carried.items():
         nearest = np.asarray(values, np.float32)
         attributes |= {name: arrays(nearest), f"{name} rest": arrays(values - nearest)}
-    geometry = {
-        "uuid": "geometry",
-        "type": "BufferGeometry",
-        "data": {"attributes": attributes},
-    }
     material = {
-        "uuid": "material",
         "type": "PointsMaterial",
         "color": 0xFFFFFF,
         "size": size,
@@ -248,7 +240,7 @@ def points(
         "vertexColors": True,
         "sizeAttenuation": True,
     }
-    return surface(geometry, material, "Points")
+    return surface(_buffered({"attributes": attributes}), material, "Points")
 
 
 def sprite(png: bytes, width: float, height: float) -> Object:
@@ -285,6 +277,13 @@ def sprite(png: bytes, width: float, height: float) -> Object:
 #: three.js draws cylinders along y: turned along x or z.
 Y_TO_X = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+
+
+def _along_x(place: float) -> Array:
+    """`Y_TO_X`, the middle of the cylinder at a place on the x axis."""
+    M = Y_TO_X.copy()
+    M[0, 3] = place
+    return M
 
 
 def rotation_to(direction: Array) -> Array:
@@ -329,9 +328,7 @@ def segment_columns(start: list[float], end: list[float]) -> tuple[list[float], 
 
 def rod(radius: float, colour: int, opacity: float = 1.0) -> Object:
     """A rod from the origin to x = 1."""
-    M = Y_TO_X.copy()
-    M[0, 3] = 0.5
-    return solid(cylinder(radius, 1.0, 14), colour, opacity, M)
+    return solid(cylinder(radius, 1.0, 14), colour, opacity, _along_x(0.5))
 
 
 def dashed_rod(radius: float, colour: int) -> Object:
@@ -368,14 +365,10 @@ def arrow(node: ViewerNode, colour: int, thickness: float = 0.022) -> None:
     in two parts below `node`.
     """
     head = 0.18
-    shaft = Y_TO_X.copy()
-    shaft[0, 3] = 0.5 * (1 - head)
-    node["shaft"].set_object(
-        solid(cylinder(thickness, 1 - head, 16), colour, matrix=shaft)
-    )
-    tip = Y_TO_X.copy()
-    tip[0, 3] = 1 - 0.5 * head
-    node["head"].set_object(solid(cone(3 * thickness, head, 20), colour, matrix=tip))
+    shaft = cylinder(thickness, 1 - head, 16), _along_x(0.5 * (1 - head))
+    tip = cone(3 * thickness, head, 20), _along_x(1 - 0.5 * head)
+    for part, (geometry, place) in {"shaft": shaft, "head": tip}.items():
+        node[part].set_object(solid(geometry, colour, matrix=place))
 
 
 def turning_arrow(node: ViewerNode, colour: int, thickness: float = 0.022) -> None:
@@ -384,9 +377,8 @@ def turning_arrow(node: ViewerNode, colour: int, thickness: float = 0.022) -> No
     The ring's own head says which way it turns: right-handed about x.
     """
     arrow(node["axis"], colour, thickness)
-    second = Y_TO_X.copy()
-    second[0, 3] = 0.74
-    node["second"].set_object(solid(cone(3 * thickness, 0.16, 20), colour, matrix=second))
+    second = cone(3 * thickness, 0.16, 20)
+    node["second"].set_object(solid(second, colour, matrix=_along_x(0.74)))
     arc, radius = 1.55 * np.pi, 0.22
     # The ring lies about z; its plane is turned so that its axis is x.
     ring = np.array([[0.0, 0, 1, 0.45], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -429,7 +421,6 @@ def shadow(centre: Array, radii: Array) -> Object:
         np.concatenate([fan + 49 * k for k in range(len(radii))]),
     )
     material = {
-        "uuid": "material",
         "type": "MeshBasicMaterial",
         "color": 0,
         "opacity": 0.009,

@@ -551,7 +551,7 @@ def read_measurements(
         With file, line and column.
     """
     if is_table(table):
-        cells = cells_of(table, "measurements", elastic.names)
+        cells = cells_of(table, elastic.names)
     elif isinstance(table, (str, Path)):
         cells = read_cells(Path(table), "measurements", _LARGEST_FILE, elastic.names)
     else:

@@ -36,7 +36,7 @@ def state_names(dataset: xarray.Dataset) -> dict[int, str]:
 
 
 def map_of_mechanism(
-    path: Any, elastic: ElasticMechanism, where: str
+    path: Any, elastic: ElasticMechanism
 ) -> tuple[xarray.Dataset, list[str]]:
     """Open a map as one of a mechanism: the check of all that shows a map beside
     a mechanism.
@@ -47,8 +47,6 @@ def map_of_mechanism(
         The map.
     elastic : ElasticMechanism
         The mechanism that it has to be of.
-    where : str
-        The option that names the map, for messages.
 
     Returns
     -------
@@ -71,7 +69,7 @@ def map_of_mechanism(
     if about["mechanism"] != elastic.name or names != list(elastic.names):
         raise InputError(
             "is the map of another mechanism",
-            where=where,
+            where="--map",
             expected=elastic.name,
             got=one_line(about["mechanism"]),
         )

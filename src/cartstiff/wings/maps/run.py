@@ -436,7 +436,7 @@ def prepare_map(
     # A resumed map keeps its backend, so that its numbers do not depend on the
     # interruption.
     path = there.get("path")
-    require_same(there, here | {"path": path}, file, "map")
+    require_same(there, here | {"path": path}, file)
     if asked.get("chunk") and layout.chunk != existing.parts.chunk:
         raise InputError(
             "the file holds parts of another size",

@@ -57,8 +57,7 @@ class Variable(FileModel):
             return {"low": data[0], "high": data[1]}
         return data
 
-    @model_validator(mode="after")
-    def _fits(self) -> Variable:
+    def _fits(self) -> None:
         low, high = self.low, self.high
         if self.values is not None:
             if [low, high, self.count] != [None] * 3 or self.log:
@@ -71,7 +70,6 @@ class Variable(FileModel):
             raise ValueError(f"low must be below high: {low:g}, {high:g}")
         elif self.log and not low > 0:
             raise ValueError("log needs numbers above zero")
-        return self
 
     def at(self, share: float) -> float:
         """Return the value at a share from 0 to 1 of the range."""
@@ -131,8 +129,7 @@ class Poses(FileModel):
         "refuse",
     )
 
-    @model_validator(mode="after")
-    def _one(self) -> Poses:
+    def _fits(self) -> None:
         only_one(self, "grid", "random", needed=False)
         for name, (low, high, count) in (self.grid or {}).items():
             if not (float(count).is_integer() and count >= 1):
@@ -144,7 +141,6 @@ class Poses(FileModel):
                 raise ValueError(f"random.ranges.{name}: low must not be above high")
         if self.count > MOST_POSES:
             raise ValueError(f"{self.count} poses a design: at most {MOST_POSES}")
-        return self
 
     @property
     def ranges(self) -> Mapping[str, Sequence[float]]:
@@ -218,8 +214,7 @@ class Measure(FileModel):
             raise ValueError("arithmetic begins with '='")
         return text
 
-    @model_validator(mode="after")
-    def _one(self) -> Measure:
+    def _fits(self) -> None:
         only_one(self, "quantity", "value")
         keys = [
             key
@@ -233,7 +228,6 @@ class Measure(FileModel):
             raise ValueError("share needs above or below")
         if self.of != "share" and bounds:
             raise ValueError(f"{min(bounds)} is for `of: share`")
-        return self
 
     @property
     def words(self) -> str:
@@ -255,11 +249,10 @@ class Objective(Measure):
         "default the better end of the quantity; largest for shares", None
     )
 
-    @model_validator(mode="after")
-    def _has_goal(self) -> Objective:
+    def _fits(self) -> None:
+        super()._fits()
         if self.value is not None and self.goal is None:
             raise ValueError("arithmetic needs a goal: largest or smallest")
-        return self
 
 
 class Constraint(Measure):
@@ -268,11 +261,10 @@ class Constraint(Measure):
     at_least: Number | None = None
     at_most: Number | None = None
 
-    @model_validator(mode="after")
-    def _bounded(self) -> Constraint:
+    def _fits(self) -> None:
+        super()._fits()
         if self.at_least is None and self.at_most is None:
             raise ValueError("give at_least or at_most")
-        return self
 
     def is_kept(self, value: float) -> bool:
         """Whether a number is within its bounds."""
@@ -299,15 +291,13 @@ class Method(FileModel):
             )
         return kind
 
-    @model_validator(mode="after")
-    def _fits(self) -> Method:
+    def _fits(self) -> None:
         if self.kind == "grid" and self.designs is not None:
             raise ValueError(
                 "a grid has the counts of its variables: designs is not for it"
             )
         if self.kind == "grid" and self.seed is not None:
             raise ValueError("nothing is drawn: seed is not for a grid")
-        return self
 
 
 class StudyUnits(FileModel):
@@ -342,8 +332,7 @@ class Study(FileModel):
     constraints: dict[Text, Constraint] = Field(default={}, max_length=50)
     method: Method = Method()
 
-    @model_validator(mode="after")
-    def _fits(self) -> Study:
+    def _fits(self) -> None:
         for name in self.variables:
             if not is_name(name):
                 raise ValueError(f"{name!r} cannot be the name of a parameter")
@@ -358,7 +347,6 @@ class Study(FileModel):
         for name in self.cases:
             if name not in used:
                 raise ValueError(f"case {name!r} is not used")
-        return self
 
     def _check(self, name: str, measure: Measure) -> None:
         """Refuse a measure of a quantity whose case or poses do not go with the study."""
