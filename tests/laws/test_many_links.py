@@ -74,6 +74,10 @@ def test_what_takes_many_steps_to_rest_is_the_engines():
     )
     assert {"regular", "not-assembled"} <= {engine.codes[s] for s in engine.state}
     assert [found.codes[s] for s in found.state] == [engine.codes[s] for s in engine.state]
+    # Where no posture closes, no links are left to bend.
+    q[:, sorted({*elastic.mechanism.held} - {*elastic.mechanism.virtual})] += [3.0, -3.0, 3.0]
+    far = analyse_many(elastic, q[:2], path="portable", wrench=loads[:2])
+    assert far.counts() == {"not-assembled": 2}
 
 
 @pytest.mark.parametrize("case", CASES)

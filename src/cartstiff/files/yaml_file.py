@@ -304,7 +304,7 @@ class _Reader:
                     "YAML tags are not supported", where=key_place, got=key_node.tag
                 )
             else:
-                pairs.append((str(key_node.value), line, value))
+                pairs.append((_text(key_node, key_place), line, value))
         data: dict[str, Any] = {}
         for part in reversed(merged):  # the first has precedence
             data |= self.plain(part, at)
@@ -327,9 +327,16 @@ def _check_count(count: int, where: str) -> None:
         )
 
 
+def _text(node: Any, place: str) -> str:
+    text = str(node.value)
+    if re.search("[\ud800-\udfff]", text):  # which no encoding of text can write
+        raise InputError("half a character in the text", where=place, got=repr(text))
+    return text
+
+
 def _scalar(node: Any, tag: str, place: str) -> Any:
     kind = tag.removeprefix("tag:yaml.org,2002:")
-    text = str(node.value)
+    text = _text(node, place)
     # An explicit tag (!!bool abc) may precede any text: it is used only where the text
     # fits.
     words = _WORDS.get(kind, {})

@@ -583,6 +583,8 @@ def settle(
     """
     rest, moved = list[NDArray[np.intp]](), np.zeros(0)
     for _ in range(MAX_SETTLING_STEPS):
+        if not which.size:  # none closed, or all at rest
+            break
         at = np.ascontiguousarray(q[which])
         more, doubts = evaluate(at)
         own = {**inputs, "q": at, **more}
@@ -595,8 +597,6 @@ def settle(
         is_last = moved <= LAST
         rest.append(which[stands & is_last])
         which, moved = which[stands & ~is_last], moved[stands & ~is_last]
-        if not which.size:
-            break
     rest.append(which[moved <= ROUNDED])
     return np.concatenate(rest)
 
