@@ -476,28 +476,45 @@ def test_jax_is_the_program_and_has_its_derivatives(name, quantity):
     refused("jax_enable_x64", function, Q[0], load, kind=RuntimeError)
 
 
+def two_joints(folder: Path, **more: Any) -> cartstiff.ElasticMechanism:
+    """A small arm, with more keys of its file."""
+    joints = [{"a": 0.4, "alpha": 1.0}, {"a": 0.3, "d": 0.1}]
+    data = {
+        "kind": "serial",
+        "dh": {"convention": "standard", "joints": joints},
+        "q": {"j1": 0.3, "j2": -0.7},
+        "springs": {"j1": {"stiffness": 800.0}, "j2": {"stiffness": 500.0}},
+        **more,
+    }
+    (folder / "arm.yaml").write_text(yaml.safe_dump(data))
+    return cartstiff.load(folder / "arm.yaml")
+
+
 @pytest.mark.usefixtures("without_machine_code")
 @pytest.mark.parametrize("language", ["python", *later("c", "jax", "javascript")])
 def test_sources_bend_a_link_that_is_one_spring(language, tmp_path):
     """It has no segments of a beam."""
-    data = {
-        "kind": "serial",
-        "dh": {
-            "convention": "standard",
-            "joints": [{"a": 0.4, "alpha": 1.0}, {"a": 0.3, "d": 0.1}],
-        },
-        "q": {"j1": 0.3, "j2": -0.7},
-        "springs": {"j1": {"stiffness": 800.0}, "j2": {"stiffness": 500.0}},
-        "flexible": {"link1": {"stiffness": np.diag([9e2, 8e2, 7e2, 3e5, 2e5, 1e5]).tolist()}},
-    }
-    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(data))
-    elastic = cartstiff.load(tmp_path / "arm.yaml")
+    link = {"stiffness": np.diag([9e2, 8e2, 7e2, 3e5, 2e5, 1e5]).tolist()}
+    elastic = two_joints(tmp_path, flexible={"link1": link})
     program = cartstiff.record(elastic, ["pose", "compliance_load"], loaded=True)
     core = cartstiff.analyse(elastic, wrench=LOAD)
     ((is_plain, record, q),) = by_source(program, language, tmp_path)(elastic.q[None], LOAD)
     assert is_plain
     close(np.asarray(q), core.q)
     close(np.asarray(record), np.r_[core.pose.ravel(), core.tangent_compliance.ravel()])
+
+
+@pytest.mark.usefixtures("without_machine_code")
+@pytest.mark.parametrize("far", [0.0, 1e-6, -1e-6])
+def test_a_cable_at_its_rest_length_has_two_stiffnesses(far, tmp_path):
+    """As at the posture of a file that states neither: the core says what counts there."""
+    cable = {"frames": ["world", "link2"], "points": [[0.1, 0.2, 1.0], [0.0, 0.1, 0.0]]}
+    arm = two_joints(tmp_path, lines=[{**cable, "stiffness": 1e4, "unilateral": True}])
+    answer, core = cartstiff.record(arm, "compliance_B")(arm.q + far), cartstiff.analyse(arm)
+    assert answer.is_plain == bool(far)
+    if not far:
+        assert "direction-dependent" in [note.code for note in core.notes]
+        close(answer.compliance_B, core.compliances["B"])
 
 
 def generated(seed: int, folder: Path) -> cartstiff.ElasticMechanism:

@@ -549,6 +549,11 @@ def taut_stiffness(stiffness: Scalar, stretch: Scalar) -> Scalar:
     return stiffness * pick(stretch, 0.0, 0.0, 1.0)
 
 
+def off_edge(length: Scalar, stretch: Scalar) -> Scalar:
+    """Verdict on a cable: with its rest length, its stiffness has two values."""
+    return limited(length * numerics.NEGLIGIBLE_DIFFERENCE, absolute(stretch))
+
+
 def given_wrench(tape: Tape, case: Any, pose: Callable[[], Array]) -> Array | None:
     """The given wrench about M's origin in the axes of M; None without one."""
     if case.wrench == "none":

@@ -81,6 +81,7 @@ from cartstiff.recorded.algebra import (
     limited,
     norm_squared,
     noteworthy,
+    off_edge,
     positive_factor,
     positive_inverse,
     reflections,
@@ -366,6 +367,8 @@ def line_terms(
         larger(norm_squared(ends[0]), norm_squared(ends[1])) * numerics.SHORTEST_LINE**2
     )
     verdict = limited(larger(size, least * least), length * length)
+    if line.unilateral:
+        verdict = larger(verdict, off_edge(length, stretch))
     return tension * stretch * 0.5, gradient, hessian, verdict
 
 

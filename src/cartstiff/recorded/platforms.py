@@ -44,6 +44,7 @@ from cartstiff.recorded.algebra import (
     limited,
     norm_squared,
     noteworthy,
+    off_edge,
     reflections,
     scaled_inverse,
     taut_stiffness,
@@ -262,6 +263,8 @@ class PlatformNumbers(Judged):
                 self.energy = self.energy + ((t * t / k).sum()) * 0.5
             else:
                 self.taut = _taut(k, stretch, self.cables)
+                for i in np.flatnonzero(self.cables).tolist():
+                    self.require(off_edge(self.geometry.lengths[i], stretch[i]))
                 t = self.taut * stretch
                 self.energy = self.energy + (t @ stretch) * 0.5
             self.W = t @ lines + self.gradient
