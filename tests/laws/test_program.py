@@ -762,6 +762,14 @@ def test_frequencies_are_those_with_the_payload():
     heavy = arm.with_payload(5.0, [0.0, 0.0, 0.1])
     expected = cartstiff.modes(heavy, arm.q).frequencies[0]
     given = {"payload": [5.0, 0.0, 0.0, 0.1]}
+    # The environment may hold a platform whose legs have a preload.
+    held = {"load_kind": "conservative", "load_at": [0.0, 0.1, 0.2]}
+    robot = cartstiff.load("stewart-simscape", gravity=[0.0, 0.0, -9.81])
+    robot = replace(robot, springs=replace(robot.springs, preload=1e5 * np.arange(6)))
+    hung = cartstiff.record(robot, "frequency_1", inputs=["payload"], **held)
+    alone = cartstiff.modes(robot, robot.q, **held).frequencies[0]
+    assert hung(robot.q).frequency_1 == pytest.approx(alone, rel=1e-9)
+    assert alone != pytest.approx(cartstiff.modes(robot, robot.q).frequencies[0], rel=1e-3)
     # Springs are chosen to carry a load that is zero, as of the core.
     wound = arm.with_springs(rest=arm.q + 0.1)
     loaded = cartstiff.record(wound, "frequency_1", loaded=True, inputs=["payload"])

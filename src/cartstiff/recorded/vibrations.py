@@ -89,7 +89,8 @@ class ManyModes:
         loads, rows = self.wrenches, np.full((len(every), count), np.nan)
         for row, i in zip(rows, every, strict=True):
             wrench = None if loads is None else loads if loads.ndim == 1 else loads[i]
-            load = {} if wrench is None else self.load
+            is_loaded = wrench is not None or self.elastic.may_be_loaded
+            load = self.load if is_loaded else {}
             try:
                 found = modes(self.elastic, self.q[i], wrench=wrench, **load)
             except (ConvergenceError, InputError, UndefinedError):
