@@ -74,10 +74,13 @@ def test_what_takes_many_steps_to_rest_is_the_engines():
     )
     assert {"regular", "not-assembled"} <= {engine.codes[s] for s in engine.state}
     assert [found.codes[s] for s in found.state] == [engine.codes[s] for s in engine.state]
-    # Where no posture closes, no links are left to bend.
-    q[:, sorted({*elastic.mechanism.held} - {*elastic.mechanism.virtual})] += [3.0, -3.0, 3.0]
-    far = analyse_many(elastic, q[:2], path="portable", wrench=loads[:2])
-    assert far.counts() == {"not-assembled": 2}
+    # Where the recorded steps close no posture, no links are left to bend.
+    far = elastic.q + np.random.default_rng(0).uniform(-0.2, 0.2, (2, len(elastic.q)))
+    far[:, sorted({*elastic.mechanism.held} - {*elastic.mechanism.virtual})] += [3.0, -3.0, 3.0]
+    found, engine = (
+        analyse_many(elastic, far, path=path, wrench=loads[:2]) for path in ("portable", "engine")
+    )
+    assert [found.codes[s] for s in found.state] == [engine.codes[s] for s in engine.state]
 
 
 @pytest.mark.parametrize("case", CASES)
