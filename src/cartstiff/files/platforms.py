@@ -171,7 +171,7 @@ def _struts(file: PlatformFile | SpringsFile, legs: _Legs) -> Struts | None:
         keys = ("fixed", "moving", "fixed_com", "moving_com", "radius")
         return Struts(*(legs.each(f"{key}.{part}") for part in keys))  # type: ignore[arg-type]
     T, feet = pose_of(file.pose), np.array(file.base)
-    heads = np.array(file.platform) @ T[:3, :3].T + T[:3, 3]
+    heads = se3.placed(T, file.platform)
     quarter = np.linalg.norm(heads - feet, axis=1) / 4.0
     half = np.array(one_each(mass, legs.m, f"key legs.{key}"), float) / 2.0
     words = (

@@ -14,6 +14,7 @@ import numpy as np
 
 from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
+from cartstiff.core.geometry import se3
 from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.closures import ReferencePosture
 from cartstiff.core.mechanisms.contract import Mechanism
@@ -344,7 +345,7 @@ def _with_fields(
         dead, K = potential.dead, potential.own_stiffness
         if dead is not None and 0 < chain.placement(dead.frame).joint <= joints:
             at = chain.placement(dead.frame)
-            point = at.T_j_f[:3, :3] @ dead.point + at.T_j_f[:3, 3]
+            point = se3.placed(at.T_j_f, dead.point)
             weights, points = np.zeros(joints), np.zeros((joints, 3))
             weights[at.joint - 1], points[at.joint - 1] = 1.0, point
             fields.append(ForceField(numbers(weights), tuple(map(numbers, points))))
@@ -398,7 +399,7 @@ def _lines_of(
     if max(a.joint, b.joint) > joints:
         return None
     starts, ends = (
-        map(numbers, points @ at.T_j_f[:3, :3].T + at.T_j_f[:3, 3])
+        map(numbers, se3.placed(at.T_j_f, points))
         for at, points in zip((a, b), given, strict=True)
     )
     each = zip(starts, ends, potential.cables.tolist(), strict=True)

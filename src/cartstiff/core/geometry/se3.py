@@ -138,6 +138,11 @@ def inverse(T_a_b: ArrayLike) -> Array:
     return m
 
 
+def placed(T_a_b: Array, points: ArrayLike) -> Array:
+    """Points (..., 3) of frame b, lengths, in frame a: ``R p + t``."""
+    return np.asarray(points) @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+
+
 def bracket(x: ArrayLike, y: ArrayLike) -> Array:
     """Lie bracket (..., 6) of twists x and y: [x, y] = (w1 x w2, w1 x v2 - w2 x v1),
     [ZK]_ eq. 5.

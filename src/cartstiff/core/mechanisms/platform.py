@@ -428,14 +428,14 @@ class Platform(Mechanism):
                 got=f"{points_P.shape}",
             )
         self.points_P = points_P
-        self.points = points_P @ T_M_P[:3, :3].T + T_M_P[:3, 3]
+        self.points = se3.placed(T_M_P, points_P)
         if limits is None:
             self.limits = None
         else:
             self.limits = checked_array(limits, None, "limits", finite=False)
         self.mass = float(mass)
         centre = checked_vector(mass_centre, 3, "mass centre")
-        self.mass_centre = T_M_P[:3, :3] @ centre + T_M_P[:3, 3]
+        self.mass_centre = se3.placed(T_M_P, centre)
         about = checked_array(
             np.zeros((3, 3)) if inertia is None else inertia, (3, 3), "inertia"
         )
@@ -491,7 +491,7 @@ class Platform(Mechanism):
         other, T_M_P = copy(self), se3.inverse(self.T_P_M)
         other.anchors = checked_array(base, None, "base points")
         other.points_P = checked_array(platform, None, "platform points")
-        other.points = other.points_P @ T_M_P[:3, :3].T + T_M_P[:3, 3]
+        other.points = se3.placed(T_M_P, other.points_P)
         other.close()
         return other
 

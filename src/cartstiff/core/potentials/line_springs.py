@@ -313,7 +313,7 @@ class LineSprings(PosePotential, Springs):
     def drawn(self, posture: Posture) -> Drawn:
         """The lines."""
         starts, ends = (
-            points @ T[:3, :3].T + T[:3, 3]
+            se3.placed(T, points)
             for frame, points in self.attachments()
             for T in (posture.pose_of_frame(frame),)
         )

@@ -175,7 +175,7 @@ class FlexureStruts(LineSprings):
         """Struts as made between points of F and points of M (m, 3) with the
         body at a pose.
         """
-        ends = points @ T_F_M[:3, :3].T + T_F_M[:3, 3]
+        ends = se3.placed(T_F_M, points)
         along = ends - anchors
         made = np.linalg.norm(along, axis=1)
         z = along / made[:, None]

@@ -84,7 +84,7 @@ def outlines(mechanism: Mechanism) -> list[Outline]:
         corners = points[_hull(points)]
         T = piece.at.T_j_f
         joint = FixedFrame(piece.at.joint, np.eye(4))
-        found.append(Outline(joint, corners @ T[:3, :3].T + T[:3, 3]))
+        found.append(Outline(joint, se3.placed(T, corners)))
     return found
 
 
@@ -137,7 +137,7 @@ def drawn(posture: MechanismPosture, shapes: Sequence[Outline]) -> Drawn:
     if isinstance(posture, ChainPosture):
         for piece in shapes:
             T = posture.pose_at(piece.at)
-            placed.append(piece.points @ T[:3, :3].T + T[:3, 3])
+            placed.append(se3.placed(T, piece.points))
     if placed:
         return Drawn(placed, [])
     return Drawn([], posture.drawn().paths)
@@ -267,7 +267,7 @@ def _arrow(
     if not force.any():
         return None
     much = engineering(numerics.norm(force), result.units.force)
-    return Arrow(T[:3, :3] @ kind.at + T[:3, 3], force, f"the force of {much}")
+    return Arrow(se3.placed(T, kind.at), force, f"the force of {much}")
 
 
 def _panel(

@@ -588,9 +588,9 @@ def _seen_from(state: ViewState, T: Array) -> ViewState:
     new: dict[str, Any] = {"point": (0.0, 0.0, 0.0)}
     if state.payload is not None:
         mass, *centre = state.payload
-        new["payload"] = (mass, *(T[:3, :3] @ centre + T[:3, 3]).tolist())
+        new["payload"] = (mass, *se3.placed(T, centre).tolist())
     if state.load is not None:
-        new["load_at"] = tuple((T[:3, :3] @ state.acts_at + T[:3, 3]).tolist())
+        new["load_at"] = tuple(se3.placed(T, state.acts_at).tolist())
         if state.load_axes == "body":
             turned = [T[:3, :3] @ state.load[:3], T[:3, :3] @ state.load[3:]]
             new["load"] = _six(np.concatenate(turned))

@@ -12,6 +12,7 @@ import numpy as np
 from cartstiff.answer.analysis.centres import centres_of
 from cartstiff.answer.analysis.screws import Screw
 from cartstiff.core.arrays import Array
+from cartstiff.core.geometry import se3
 from cartstiff.shown.scene import objects, theme
 from cartstiff.shown.scene.labels import Label, number
 from cartstiff.shown.scene.viewer import ViewerNode
@@ -41,7 +42,7 @@ class NodalAxis:
                     objects.rod(0.003 * self._size, theme.COLOURS["screw"], 0.9)
                 )
             half = 0.45 * self._size
-            point, along = T[:3, :3] @ screw.point + T[:3, 3], T[:3, :3] @ screw.direction
+            point, along = se3.placed(T, screw.point), T[:3, :3] @ screw.direction
             self._node.set_transform(
                 objects.segment(point - half * along, point + half * along)
             )
@@ -118,7 +119,7 @@ class CentresPicture:
                     )
                 )
             M = np.eye(4)
-            M[:3, 3] = T[:3, :3] @ near[name] + T[:3, 3]
+            M[:3, 3] = se3.placed(T, near[name])
             ball.show(True)
             ball.set_transform(M)
             same = [

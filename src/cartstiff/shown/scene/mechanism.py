@@ -14,6 +14,7 @@ import numpy as np
 from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError
+from cartstiff.core.geometry import se3
 from cartstiff.core.mechanisms.chain import Chain, ChainPosture
 from cartstiff.core.mechanisms.contract import MechanismPosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
@@ -257,7 +258,7 @@ class PlatformPicture(_Picture):
         T, platform = posture.pose, self._platform
         body, legs = (self._body, None) if root is None else (root["body"], root["legs"])
         body.set_transform(T)
-        points = platform.points @ T[:3, :3].T + T[:3, 3]
+        points = se3.placed(T, platform.points)
         self._lines.move(platform.anchors, points, legs)
 
     def facts(self) -> dict[str, Any]:
@@ -333,9 +334,7 @@ class ChainPicture(_Picture):
         for node, parent, start, joint in self._sliders:
             T = at(parent)
             rod = node if root is None else root[_name_of(node)]
-            rod.set_transform(
-                objects.segment(T[:3, :3] @ start + T[:3, 3], at(joint)[:3, 3])
-            )
+            rod.set_transform(objects.segment(se3.placed(T, start), at(joint)[:3, 3]))
 
     def facts(self) -> dict[str, Any]:
         """Nodes by the joints that move them, for a viewer that moves the
@@ -355,7 +354,7 @@ class ChainPicture(_Picture):
         corners = [np.zeros((0, 3))]
         for placement, box in self._boxes:
             T = posture.pose_at(placement)
-            corners.append(box @ T[:3, :3].T + T[:3, 3])
+            corners.append(se3.placed(T, box))
         return np.concatenate(corners)
 
     def _on(self, joint: int) -> ViewerNode:
@@ -385,7 +384,7 @@ class ChainPicture(_Picture):
             box = np.array(
                 [[x, y, z] for x in ends[:, 0] for y in ends[:, 1] for z in ends[:, 2]]
             )
-            box = box @ M[:3, :3].T + M[:3, 3]
+            box = se3.placed(M, box)
             self._boxes.append((FixedFrame(visual.at.joint, np.eye(4)), box))
         colour, opacity = self._paint(visual, mesh)
         for k, (geometry, own) in enumerate(

@@ -43,7 +43,7 @@ def links_of(
         if joint == chain.body.joint:
             grips = _grips(chain) if is_parallel else []
             if len(grips) > 1:
-                yield joint, np.array(grips) @ body[:3, :3].T + body[:3, 3]
+                yield joint, se3.placed(body, grips)
             else:
                 ends.append(body[:3, 3])
         closing = tied.get(joint, [])
@@ -56,7 +56,7 @@ def links_of(
             for frame, anchors in line.attachments():
                 placed = chain.placement(frame)
                 if placed.joint == joint and frame != "world":
-                    ends += list(anchors @ placed.T_j_f[:3, :3].T + placed.T_j_f[:3, 3])
+                    ends += list(se3.placed(placed.T_j_f, anchors))
         for end in ends:
             if np.linalg.norm(end) > least:
                 yield joint, np.array([np.zeros(3), end])

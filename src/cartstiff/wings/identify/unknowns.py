@@ -601,7 +601,7 @@ def _moved(
     values = dict(values)
     if all(name in values for name in POSITION):
         x = np.stack([values[name] for name in POSITION], axis=1)
-        x[rows] = x[rows] @ T[:3, :3].T + T[:3, 3]
+        x[rows] = se3.placed(T, x[rows])
         values |= dict(zip(POSITION, x.T, strict=True))
     if all(name in values for name in TURN):
         angles = np.stack([values[name] for name in TURN], axis=1)

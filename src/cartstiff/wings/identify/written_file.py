@@ -293,7 +293,7 @@ def _put_geometry(data: dict[str, Any], result: Identification) -> None:
 
 
 def _moved(T: Array, point: Any) -> list[float]:
-    moved: Array = T[:3, :3] @ point + T[:3, 3]
+    moved: Array = se3.placed(T, point)
     return moved.tolist()
 
 

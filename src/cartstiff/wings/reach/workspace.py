@@ -619,7 +619,7 @@ class Margins(PoseMargins):
         """Distance that the legs' longest lengths allow."""
         platform = self.platform
         longest = np.inf if platform.limits is None else platform.limits[:, 1]
-        ends = platform.points @ pose[:3, :3].T + pose[:3, 3] - platform.anchors
+        ends = se3.placed(pose, platform.points) - platform.anchors
         lengths = np.linalg.norm(ends, axis=1) + longest
         return _finite_least(lengths, "the lengths of the legs have no upper limit")
 

@@ -254,7 +254,7 @@ class LoadedPostures:
         except CartstiffError:
             return None
         before, after = (
-            T[:3, :3] @ self.point + T[:3, 3]
+            se3.placed(T, self.point)
             for T in (self.elastic.mechanism.at(q).pose, state.pose)
         )
         return None if state.stable is False else numerics.norm(after - before)
