@@ -32,7 +32,7 @@ from cartstiff.core.results import LabelledResult
 from cartstiff.core.statics.continuation import CurvePoint, LoadPath, where_it_falls
 from cartstiff.core.statics.held import displacement_between
 from cartstiff.core.statics.problem import System, refuse_springs_far_apart
-from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN
+from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, Behaviour
 from cartstiff.core.stiffness.balance import with_rest_balancing
 from cartstiff.core.stiffness.compute import PostureStiffness, analyse, analyse_at
 from cartstiff.core.stiffness.forces import (
@@ -195,9 +195,9 @@ def capacity(
     q: ArrayLike | Mapping[str, float] | None = None,
     *,
     wrench: ArrayLike,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: ArrayLike = DEAD_AT_ORIGIN.at,
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
     displacement: float | None = None,
 ) -> Capacity:
     """How many times a load is held until the first limit, and which forces at all.

@@ -19,7 +19,7 @@ from cartstiff.core.notes import Note
 from cartstiff.core.potentials.springs import Springs
 from cartstiff.core.statics.equilibrium import equilibrium
 from cartstiff.core.statics.rest import Equilibrium
-from cartstiff.core.stiffness.applied_load import checked_load
+from cartstiff.core.stiffness.applied_load import Axes, checked_load
 from cartstiff.core.stiffness.balance import with_rest_balancing
 from cartstiff.core.stiffness.compute import PostureStiffness, analyse
 
@@ -91,7 +91,7 @@ def after_command(
     wrench: ArrayLike | None = None,
     load_kind: Literal["dead", "follower"] = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
     limits: bool = True,
 ) -> Equilibrium:
     """Equilibrium after a command, under the load that the mechanism carried before.
@@ -138,7 +138,7 @@ def analyse_commanded(
     wrench: ArrayLike | None = None,
     load_kind: Literal["dead", "follower"] = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
 ) -> PostureStiffness:
     """Stiffness at the equilibrium after a command, see `after_command`.
 

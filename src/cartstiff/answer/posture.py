@@ -49,7 +49,7 @@ from cartstiff.core.mechanisms.gravity_loads import gravity_loads
 from cartstiff.core.mechanisms.limits import Limits
 from cartstiff.core.notes import Note
 from cartstiff.core.potentials.contract import Potential
-from cartstiff.core.stiffness.applied_load import LoadKind
+from cartstiff.core.stiffness.applied_load import Behaviour, LoadKind
 from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.core.stiffness.forces import DriveForce
 from cartstiff.core.stiffness.posture import StiffnessInFrame
@@ -59,7 +59,6 @@ if TYPE_CHECKING:
     from cartstiff.core.mechanisms.contract import MechanismPosture
     from cartstiff.core.statics.rest import Equilibrium
 
-Behaviour = Literal["dead", "follower", "conservative"]
 _FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
 _OTHERS: tuple[Others, Others] = ("free", "held")
 #: Decimal places up to which shares are compared.

@@ -29,6 +29,8 @@ from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
+    Axes,
+    Behaviour,
     LoadKind,
     checked_load,
 )
@@ -571,9 +573,9 @@ def record(
     | Mapping[str, str | Connection | Function] = ("stiffness_B",),
     *,
     loaded: bool = False,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: ArrayLike = DEAD_AT_ORIGIN.at,
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
     inputs: Sequence[Literal["stiffness", "rest", "load_at", "payload", "tcp"]] = (),
     connection: str | None = None,
     length: float | None = None,

@@ -28,7 +28,7 @@ from cartstiff.core.arrays import Array, checked_input, checked_unit
 from cartstiff.core.errors import InputError, UnknownNameError
 from cartstiff.core.matrix_names import OF_MANY
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.stiffness.applied_load import LoadKind, wrench_in_body
+from cartstiff.core.stiffness.applied_load import Axes, LoadKind, wrench_in_body
 from cartstiff.core.stiffness.compute import analyse
 from cartstiff.core.units import Units
 from cartstiff.recorded.strength import (
@@ -90,7 +90,7 @@ class Settings:
         elastic: ElasticMechanism,
         load: LoadKind,
         wrench: Array | None,
-        load_axes: Literal["body", "world"],
+        load_axes: Axes,
         *,
         connection: str | None = None,
         length: float | None = None,

@@ -17,7 +17,7 @@ import math
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +29,7 @@ from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
     Axes,
+    Behaviour,
     LoadKind,
     checked_load,
 )
@@ -488,9 +489,9 @@ def analyse_many(
     q: ArrayLike,
     *,
     wrench: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: ArrayLike = DEAD_AT_ORIGIN.at,
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
     outputs: Sequence[str] = ("stiffness_B",),
     out: Arrays | None = None,
     threads: int | None = None,

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +39,8 @@ from cartstiff.core.results import LabelledResult
 from cartstiff.core.statics.rest import Equilibrium
 from cartstiff.core.statics.small_motions import Spectrum, kinetic_matrix, spectrum_of
 from cartstiff.core.stiffness.applied_load import (
+    Axes,
+    Behaviour,
     LoadKind,
     checked_load,
     wrench_in_body,
@@ -567,9 +569,9 @@ def modes(
     q: ArrayLike | Mapping[str, float] | None = None,
     *,
     wrench: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
 ) -> Modes:
     r"""Natural frequencies and modes of small motions about a rest state, under its load.
 

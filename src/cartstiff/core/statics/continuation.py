@@ -56,7 +56,7 @@ from cartstiff.core.statics.small_motions import (
     is_unstable,
     vibrations,
 )
-from cartstiff.core.stiffness.applied_load import LoadKind, checked_load
+from cartstiff.core.stiffness.applied_load import Axes, Behaviour, LoadKind, checked_load
 from cartstiff.core.stiffness.balance import with_rest_balancing
 from cartstiff.core.stiffness.compute import SCHEMA
 
@@ -769,7 +769,7 @@ class Start(NamedTuple):
         held: Held | Mapping[str, float] | None,
         wrench: ArrayLike | None,
         kind: LoadKind,
-        axes: Literal["body", "world"],
+        axes: Axes,
     ) -> Start:
         """The start at coordinates, with the wrench among the loads."""
         given, posture = elastic.placed(q)
@@ -796,9 +796,9 @@ def load_curve(
     q: ArrayLike | Mapping[str, float] | Potential | None = None,
     *loads: Potential,
     wrench: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
     to: float = 1.0,
     fixed: Sequence[Potential] = (),
     held: Held | Mapping[str, float] | None = None,

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from numbers import Integral
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +36,12 @@ from cartstiff.core.statics.problem import (
 )
 from cartstiff.core.statics.rest import MAX_CURVE_POINTS, Equilibrium, state_of_rest
 from cartstiff.core.statics.small_motions import divergence
-from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN, checked_load
+from cartstiff.core.stiffness.applied_load import (
+    DEAD_AT_ORIGIN,
+    Axes,
+    Behaviour,
+    checked_load,
+)
 
 
 def relaxed(elastic: ElasticMechanism, q: ArrayLike | None = None) -> Array:
@@ -75,9 +80,9 @@ def equilibrium(
     q: ArrayLike | Mapping[str, float] | Potential | None = None,
     *loads: Potential,
     wrench: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: ArrayLike = DEAD_AT_ORIGIN.at,
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
     held: Held | Mapping[str, float] | None = None,
     against_gravity: ArrayLike | None = None,
     limits: bool = True,

@@ -46,6 +46,8 @@ from cartstiff.core.geometry.connections import (
 if TYPE_CHECKING:
     from cartstiff.core.potentials.loads import Load
 
+#: Kinds of loads by their behaviour while the body moves, see `LOAD_KINDS`.
+Behaviour = Literal["dead", "follower", "conservative"]
 #: Axes of a wrench's components: those of M, or those of F.
 Axes = Literal["body", "world"]
 _AXES = get_args(Axes)
@@ -70,7 +72,7 @@ class LoadKind:
         For a point that is not three finite numbers.
     """
 
-    kind: Literal["dead", "follower", "conservative"] = "dead"
+    kind: Behaviour = "dead"
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:

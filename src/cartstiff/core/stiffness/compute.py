@@ -5,7 +5,6 @@ every connection.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +18,8 @@ from cartstiff.core.notes import Note
 from cartstiff.core.potentials.contract import Evaluation
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
+    Axes,
+    Behaviour,
     LoadKind,
     checked_load,
     wrench_in_body,
@@ -37,9 +38,9 @@ def analyse(
     q: ArrayLike | Mapping[str, float] | None = None,
     *,
     wrench: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: ArrayLike = DEAD_AT_ORIGIN.at,
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
     strict: bool = False,
 ) -> PostureStiffness:
     r"""Stiffness of a mechanism at a posture, under every connection.

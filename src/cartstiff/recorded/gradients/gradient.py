@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +28,12 @@ from cartstiff.core.figures import draw_bars, new_axes
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.statics.equilibrium import equilibrium
 from cartstiff.core.statics.rest import Equilibrium
-from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
+from cartstiff.core.stiffness.applied_load import (
+    DEAD_AT_ORIGIN,
+    Axes,
+    Behaviour,
+    LoadKind,
+)
 from cartstiff.core.stiffness.compute import PostureStiffness, analyse
 from cartstiff.recorded.gradient import Differentiated
 from cartstiff.recorded.gradients.exact import Recorded, parameters_of
@@ -215,9 +220,9 @@ def gradient(
     deflect: ArrayLike | None = None,
     length: float | None = None,
     wrench: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
 ) -> Gradient:
     r"""Derivatives of a number of the stiffness by the numbers of the mechanism.
 

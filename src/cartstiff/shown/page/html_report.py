@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +26,7 @@ from cartstiff.core.arrays import Array, checked_vector
 from cartstiff.core.errors import CartstiffError, UndefinedError
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.notes import DOUBTS
-from cartstiff.core.stiffness.applied_load import LoadKind
+from cartstiff.core.stiffness.applied_load import Axes, Behaviour, LoadKind
 from cartstiff.core.stiffness.compute import PostureStiffness, analyse
 from cartstiff.core.units import Units, engineering
 from cartstiff.shown.page.export import export_page
@@ -85,9 +85,9 @@ def report_page(
     q: ArrayLike | None = None,
     *,
     wrench: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: Sequence[float] = (0.0, 0.0, 0.0),
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
     command: str = "",
     sections: Sequence[tuple[str, str]] = (),
     points: Sequence[ReportPoint] = (),
@@ -120,7 +120,7 @@ def report_page(
     pages = []
     for point in asked:
         here, posture = elastic.placed(point.q if points or q is not None else None)
-        acting: tuple[ArrayLike | None, Literal["body", "world"]] = (wrench, load_axes)
+        acting: tuple[ArrayLike | None, Axes] = (wrench, load_axes)
         if point.wrench is not None:
             acting = (point.wrench, "world")
         with np.errstate(all="ignore"):
@@ -218,7 +218,7 @@ class _Load:
     added: Array | None
     is_held: bool
     kind: LoadKind
-    axes: Literal["body", "world"]
+    axes: Axes
     pose: Array
 
     @classmethod
@@ -228,7 +228,7 @@ class _Load:
         q: Array,
         wrench: ArrayLike | None,
         kind: LoadKind,
-        axes: Literal["body", "world"],
+        axes: Axes,
     ) -> _Load:
         """The load at a posture."""
         added = None

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from cartstiff.core.choices import LARGEST_INPUT
 from cartstiff.core.errors import InputError, one_line, printable
 from cartstiff.core.matrix_names import Letter
-from cartstiff.core.stiffness.applied_load import Axes
+from cartstiff.core.stiffness.applied_load import Axes, Behaviour
 
 #: Bytes of a message that are read; a longer one is refused.
 LARGEST_MESSAGE = 64 * 1024
@@ -118,7 +118,7 @@ class ViewState(_Strict):
     stiffness: _Stiffnesses | None = None
     load: _Six | None = None
     load_axes: Axes = "body"
-    load_kind: Literal["dead", "follower", "conservative"] = "dead"
+    load_kind: Behaviour = "dead"
     load_at: _Three | None = None
     gravity: _Three | None = None
     payload: tuple[_NotNegative, _Number, _Number, _Number] | None = None

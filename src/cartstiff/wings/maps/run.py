@@ -21,7 +21,7 @@ from hashlib import sha256
 from math import prod
 from os import cpu_count
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,7 +38,7 @@ from cartstiff.core.errors import (
     one_line,
 )
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.core.stiffness.applied_load import checked_load
+from cartstiff.core.stiffness.applied_load import Axes, Behaviour, checked_load
 from cartstiff.files.identity import (
     fingerprint,
     identity_of,
@@ -109,9 +109,9 @@ class MapQuestion(TypedDict, total=False):
     deflect_at: ArrayLike
     world: bool
     wrench: ArrayLike | None
-    load_kind: Literal["dead", "follower", "conservative"]
+    load_kind: Behaviour
     load_at: ArrayLike
-    load_axes: Literal["body", "world"]
+    load_axes: Axes
     damping: Damping | float
 
 
@@ -135,9 +135,9 @@ def map_job(
     deflect_at: ArrayLike = (0.0, 0.0, 0.0),
     world: bool = False,
     wrench: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
     damping: Damping | float = 0.0,
 ) -> MapJob:
     """Check the arguments of a map and return its computation, without any file.

@@ -79,6 +79,7 @@ from cartstiff.core.potentials.line_springs import LineSprings, lines_of_many
 from cartstiff.core.results import LabelledResult
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
+    Axes,
     LoadKind,
     checked_load,
 )
@@ -360,7 +361,7 @@ def _finite_least(lengths: Iterable[float], without: str) -> float:
 
 #: Kind of a load, its (moment, force) (6,) about its point, and the axes along which
 #: these are constant.
-CarriedLoad = tuple[LoadKind, Array, Literal["body", "world"]]
+CarriedLoad = tuple[LoadKind, Array, Axes]
 
 
 def limits_forces(elastic: ElasticMechanism) -> bool:
@@ -1183,9 +1184,7 @@ def around(pose: Array, turns: Array, shifts: Array) -> Array:
     return poses
 
 
-def carried(
-    kind: LoadKind, wrench: Array, axes: Literal["body", "world"], start: Array
-) -> CarriedLoad:
+def carried(kind: LoadKind, wrench: Array, axes: Axes, start: Array) -> CarriedLoad:
     """Convert a load to the axes along which it is constant at all poses."""
     if kind.kind == "conservative":
         raise InputError(
@@ -1439,7 +1438,7 @@ def workspace(
     wrench: ArrayLike | None = None,
     load_kind: Literal["dead", "follower"] = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
     directions: int | None = None,
     scan: int = 48,
     radius: float | None = None,

@@ -30,7 +30,7 @@ from cartstiff.core.geometry import se3
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.mechanisms.limits import Limits
 from cartstiff.core.statics.equilibrium import equilibrium
-from cartstiff.core.stiffness.applied_load import LoadKind
+from cartstiff.core.stiffness.applied_load import Axes, Behaviour, LoadKind
 from cartstiff.core.stiffness.compute import analyse
 from cartstiff.kinematics.inverse import inverse_kinematics
 from cartstiff.kinematics.joint_poses import Free, JointPoses
@@ -298,9 +298,9 @@ def better_posture(
     q: ArrayLike | None = None,
     *,
     wrench: ArrayLike,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
     point: ArrayLike = (0.0, 0.0, 0.0),
 ) -> BetterPosture | None:
     """A posture near this one at which the load moves the tip less,
@@ -353,7 +353,7 @@ def better_posture(
 
 
 def _searched(
-    question: LoadedPostures, before: float, load_axes: Literal["body", "world"]
+    question: LoadedPostures, before: float, load_axes: Axes
 ) -> BetterPosture | None:
     """The best of the candidates, those nearby first; None if none saves enough."""
     best, least = None, before
@@ -373,7 +373,7 @@ def _not_sought(reason: str) -> UndefinedError:
 
 
 def _candidates(
-    question: LoadedPostures, load_axes: Literal["body", "world"]
+    question: LoadedPostures, load_axes: Axes
 ) -> Iterator[tuple[Array, bool]]:
     """Postures (k, n) at the tip's pose, and whether they are near.
 

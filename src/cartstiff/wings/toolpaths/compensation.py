@@ -47,6 +47,8 @@ from cartstiff.core.statics.problem import System
 from cartstiff.core.statics.rest import Equilibrium
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
+    Axes,
+    Behaviour,
     LoadKind,
     checked_load,
 )
@@ -110,7 +112,7 @@ class CompensatedPath(LabelledResult):
     deviation: Array | None
     stable: tuple[bool | None, ...]
     weighed: GravityLoads
-    load_axes: Literal["body", "world"] | None
+    load_axes: Axes | None
     notes: tuple[Note, ...]
 
     @property
@@ -232,9 +234,9 @@ def compensate(
     wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]] | None = None,
     *,
     q: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: ArrayLike = DEAD_AT_ORIGIN.at,
-    load_axes: Literal["body", "world"] = "body",
+    load_axes: Axes = "body",
     against: Literal["load", "all"] | None = None,
 ) -> CompensatedPath:
     """Commands that put the loaded end-effector on a path.
@@ -428,7 +430,7 @@ def _loads(
     wrenches: ArrayLike,
     poses: Sequence[Array],
     kind: LoadKind,
-    axes: Literal["body", "world"],
+    axes: Axes,
 ) -> list[tuple[Potential, ...]]:
     """Wrenches as loads at each pose."""
     m = len(poses)

@@ -55,6 +55,7 @@ from cartstiff.core.results import LabelledResult
 from cartstiff.core.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
     Axes,
+    Behaviour,
     LoadKind,
     checked_load,
 )
@@ -1291,7 +1292,7 @@ def optimise_path(
     criterion: str = "deflection",
     connection: str | None = None,
     loaded: bool = False,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_kind: Behaviour = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
     objective: Objective = "worst",
     max_step: float | Mapping[str, float] | ArrayLike | None = None,
