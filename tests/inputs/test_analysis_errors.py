@@ -21,7 +21,6 @@ from tests.doors import (
     summarise,
     twist_compliant_axes,
 )
-from tests.support.printed import text_of
 
 import cartstiff
 from cartstiff import InputError, UndefinedError, analysis
@@ -90,7 +89,6 @@ def _summarised(wrench=(0.0,) * 6, K=K, length=None, mass=None, **others):
             lambda: cartstiff.accuracy(cartstiff.analyse(cartstiff.load("cubic")), SOME, level=1.0),
             "level cannot be used",
         ),
-        (lambda: text_of({}, {"length": "m"}), "units are incomplete"),
         (lambda: _summarised(mass=1.0), "metric is not positive definite"),
         (lambda: _summarised(np.zeros(5)), "wrench has the wrong count"),
         (lambda: _summarised(K=NAN), "must be finite"),

@@ -79,7 +79,7 @@ def checked(result: PostureStiffness, **options: Any) -> dict[str, Any]:
     found = analyse_posture(result, **options)
     assert set(found) == KEYS
     assert json.loads(json.dumps(found, allow_nan=False)) == found
-    text = text_of(found, result.elastic.units.to_dict())
+    text = text_of(found, result.elastic.units)
     assert "nan" not in text.replace("determinant", "")
     assert "None" not in text
     return found
@@ -325,7 +325,7 @@ def test_inertia_gives_frequencies() -> None:
     assert found["modes"]["metric"] == "inertia"
     assert found["modes"]["eigenvalues"] == pytest.approx(sorted(expected))
     assert found["length"]["origin"] == "inertia"
-    assert "[Hz]" in text_of(found)
+    assert "[Hz]" in text_of(found, result.units)
 
 
 # -- parameters ------------------------------------------------------------------------------------

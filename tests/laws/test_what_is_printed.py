@@ -64,7 +64,7 @@ def test_a_misfit_is_called_a_misfit():
     target = np.diag([1e3, 2e3, 3e3, 4e5, 5e5, 6e5])
     found = analyse_posture(cartstiff.analyse(arm), target=target)
     fit = found["synthesis"]["target"]["diagonal_fit"]
-    text = text_of(found, arm.units.to_dict())
+    text = text_of(found, arm.units)
     assert f"independent springs miss it by {100 * fit['residual']:.2g} % at best" in text
     assert "as close as" not in text
 
@@ -76,9 +76,8 @@ def test_centres_say_from_where():
     for name, point in here["centres"].items():
         expected = np.array(point) - T[:3, 3]
         assert np.allclose(there["centres"][name], expected, atol=1e-9)
-    units = {"length": "m", "force": "N", "angle": "rad"}
-    assert "Centres, from the origin of the body frame" in text_of(here, units)
-    assert "Centres, from this point" in text_of(there, units)
+    assert "Centres, from the origin of the body frame" in text_of(here, result.units)
+    assert "Centres, from this point" in text_of(there, result.units)
 
 
 def test_rounding_is_not_printed():
@@ -217,7 +216,7 @@ def test_directions_are_shown_without_their_rounding():
     axes = np.array(summary["ellipsoids"]["stiffness"]["translation"]["free"]["axes"])
     small = np.abs(axes[(axes != 0.0) & (np.abs(axes) < 1e-9)])
     assert small.size
-    text = text_of(summary, found.units.to_dict())
+    text = text_of(summary, found.units)
     rows = [line for line in text.splitlines() if line.startswith("    axis ")]
     shown = [re.findall(r"[-\d][-.\de]*", line)[1:] for line in rows]
     assert all(len(row) == 6 for row in shown)

@@ -36,8 +36,13 @@ from tests.inner import (
 from tests.inner import TITLES as TITLES
 from tests.inner import VERDICTS as VERDICTS
 
+
+def _of_posture(result: PostureStiffness, **how: Any) -> str:
+    return str(describe(result, answer_at(result), **how))
+
+
 #: What makes the text of each kind of result, or its answer.
-TEXTS = {PostureStiffness: describe, Equilibrium: describe_equilibrium, dict: summary_text}
+TEXTS = {PostureStiffness: _of_posture, Equilibrium: describe_equilibrium, dict: summary_text}
 ANSWERS = {
     LoadCurve: answer_of_curve,
     CompensatedPath: answer_of_compensation,

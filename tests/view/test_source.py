@@ -86,30 +86,37 @@ class _Data(dict):
 def opened(monkeypatch):
     """A map file without one: what its reader returns."""
     data = _Data()
-    store = types.ModuleType("cartstiff.wings.maps.store")
-    store.open_map = lambda path: data  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "cartstiff.wings.maps.store", store)
+    reading = types.ModuleType("cartstiff.wings.maps.reading")
+    reading.map_of_mechanism = lambda path, elastic: (data, [])  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "cartstiff.wings.maps.reading", reading)
     return data
 
 
-def test_a_map(opened, tmp_path):
+@pytest.fixture(scope="module")
+def ur5():
+    import cartstiff
+
+    return cartstiff.load("ur5")
+
+
+def test_a_map(opened, ur5, tmp_path):
     opened["position"] = _Variable(np.arange(24.0).reshape(2, 4, 3), "m")
     opened["softest"] = _Variable(np.arange(8.0).reshape(2, 4), "N/m")
     opened["reachable"] = _Variable(np.ones((2, 4), bool))
     opened["matrix"] = _Variable(np.zeros((2, 4, 6, 6)))
-    found = clouds_in(tmp_path / "map")
+    found = clouds_in(tmp_path / "map", ur5)
     assert found.positions.shape == (8, 3)
     assert list(found.values) == ["softest", "reachable"]
     assert found.units == {"softest": "N/m", "reachable": ""}
     assert found.thinned == 1
 
 
-def test_a_map_without_positions_is_refused(opened, tmp_path):
+def test_a_map_without_positions_is_refused(opened, ur5, tmp_path):
     with pytest.raises(InputError, match="holds no positions"):
-        clouds_in(tmp_path / "map")
-    opened["position"] = _Variable(np.zeros((4, 3)))
+        clouds_in(tmp_path / "map", ur5)
+    opened["position"] = _Variable(np.zeros((4, 3)), "m")
     with pytest.raises(InputError, match="map cannot be shown"):
-        clouds_in(tmp_path / "map")
+        clouds_in(tmp_path / "map", ur5)
 
 
 def test_a_real_map_with_places_out_of_reach(tmp_path):
@@ -123,15 +130,13 @@ def test_a_real_map_with_places_out_of_reach(tmp_path):
     grid = CartesianGrid({"x": Axis(x, x + 40.0, 3)}, arm, posture.q, starts=0, branches=1)
     compute_map(arm, grid, ["force"], tmp_path / "m.zarr")
     whole = open_map(tmp_path / "m.zarr")
-    cloud = clouds_in(tmp_path / "m.zarr")
+    cloud = clouds_in(tmp_path / "m.zarr", arm)
     finite = np.isfinite(whole["position"].values.reshape(-1, 3)).all(axis=1)
     assert 0 < len(cloud.positions) == finite.sum() < finite.size
     assert list(cloud.values) == ["force"]
     assert np.array_equal(cloud.positions, whole["position"].values.reshape(-1, 3)[finite])
-    assert cloud.q is None
-    known = clouds_in(tmp_path / "m.zarr", arm)
-    assert known.q is not None
-    for q, place in zip(known.q, known.positions, strict=True):
+    assert cloud.q is not None
+    for q, place in zip(cloud.q, cloud.positions, strict=True):
         assert np.allclose(arm.mechanism.at(q).pose[:3, 3], place, atol=1e-9)
     with pytest.raises(InputError, match="--map: is the map of another mechanism; expected ur5"):
         clouds_in(tmp_path / "m.zarr", cartstiff.load("ur5"))
@@ -174,13 +179,13 @@ def test_a_boundary_of_a_workspace(tmp_path):
     kinds = {"most": f"legs at most {high:.4g} m", "least": f"legs at least {low:.4g} m"}
     assert words == [kinds[cut.rpartition(" ")[2]] for cut in cuts]
     path.write_text("x [mm],y [mm],z [mm],limit\n1,2,3,reach\n", encoding="utf-8")
-    assert clouds_in(path).positions.tolist() == [[0.001, 0.002, 0.003]]
+    assert clouds_in(path, hexapod).positions.tolist() == [[0.001, 0.002, 0.003]]
     path.write_text("z [m],roll [rad],pitch [rad],limit\n1,2,3,reach\n", encoding="utf-8")
     with pytest.raises(InputError, match="boundary cannot be shown"):
-        clouds_in(path)
+        clouds_in(path, hexapod)
     path.write_text("x [m],y [m],z [m],limit\n1,2,three,reach\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"line 2.*not a finite number"):
-        clouds_in(path)
+        clouds_in(path, hexapod)
 
 
 @pytest.mark.parametrize("name", ["hexapod", "delta"])
@@ -211,12 +216,12 @@ def test_a_workspace_is_coloured_by_stiffness_first(name):
         assert known[i] == pytest.approx(least, rel=1e-6)
 
 
-def test_limits_are_few_kinds(tmp_path):
+def test_limits_are_few_kinds(ur5, tmp_path):
     words = [f"leg{i}_slide, {side}" for i in range(1, 7) for side in ("least", "most")]
     words += ["reach", "singularity", "half turn", "force of leg3, most", "joint 7, least"]
     rows = "\n".join(f'1,2,3,"{word}"' for word in words)
     (tmp_path / "b.csv").write_text(f"x [m],y [m],z [m],limit\n{rows}\n", encoding="utf-8")
-    cloud = clouds_in(tmp_path / "b.csv")
+    cloud = clouds_in(tmp_path / "b.csv", ur5)
     kinds = set(cloud.values["limit that cuts"].tolist())
     assert len(kinds) == 5
     assert {"legs slide at least", "legs slide at most", "other limits"} <= kinds

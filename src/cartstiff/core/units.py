@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from math import inf
@@ -243,24 +242,6 @@ class Units:
     #: Units of angles and lengths in texts and pictures; no number is stored in them.
     shown_angle: ClassVar[str] = "deg"
     shown_length: ClassVar[str] = "mm"
-
-    @classmethod
-    def from_dict(cls, units: Mapping[str, str]) -> Units:
-        """Make units from the result of `to_dict`.
-
-        Raises
-        ------
-        InputError
-            If one of the units is missing, or angles are not in radians.
-        """
-        if not all(isinstance(units.get(k), str) for k in ("length", "force", "angle")):
-            expected = "a mapping with length, force and angle"
-            raise InputError("units are incomplete", expected=expected, got=dict(units))
-        if units["angle"] != cls.angle:
-            raise InputError(
-                "unknown unit of angles", expected=cls.angle, got=units["angle"]
-            )
-        return cls(units["length"], units["force"])
 
     @property
     def shown_per_radian(self) -> float:

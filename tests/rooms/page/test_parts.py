@@ -164,7 +164,7 @@ def test_long_trajectories_and_large_maps_are_bounded(tmp_path, monkeypatch):
     ):
         assert np.array_equal(found, whole[::3])
     monkeypatch.setattr(source, "_MOST_POINTS", 2)
-    assert clouds_in(file).thinned == 5
+    assert clouds_in(file, arm).thinned == 5
 
 
 def test_each_command_is_kept_once_in_an_order_that_a_viewer_takes():

@@ -41,8 +41,8 @@ def frames_command(
 
     elastic = setup.at_posture()
     answer = frames_of(elastic)
-    length = elastic.mechanism.at(elastic.q).length
-    out.show(answer, setup.mechanism, lambda: describe_frames(answer, length))
+    sizes = elastic.units, elastic.mechanism.at(elastic.q).length
+    out.show(answer, setup.mechanism, lambda: describe_frames(answer, *sizes))
 
 
 @declared("models")

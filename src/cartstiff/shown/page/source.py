@@ -240,7 +240,7 @@ def read_trajectory(
     return Playback(table[:, int(timed) :], time, timed, unused)
 
 
-def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Cloud:
+def read_cloud(path: Path | str, elastic: ElasticMechanism) -> Cloud:
     """Points of a map file, or of a table that `cartstiff workspace -o` wrote.
 
     They are thinned to what a page can show.
@@ -249,9 +249,9 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
     ----------
     path : path or address
         A map, or a table whose name ends in ``.csv``.
-    elastic : ElasticMechanism, optional
-        Positions of a table are in its units, limits with its bounds; a map of the same
-        coordinates brings those of each point.
+    elastic : ElasticMechanism
+        Positions of a table are in its units, limits with its bounds; a map of it brings
+        the coordinates of each point.
 
     Raises
     ------
@@ -260,15 +260,9 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
     """
     if str(path).lower().endswith(".csv"):
         return _read_boundary(Path(path), elastic)
-    differs = list[str]()
-    if elastic is None:
-        from cartstiff.wings.maps.store import open_map
+    from cartstiff.wings.maps.reading import map_of_mechanism
 
-        data = open_map(path)
-    else:
-        from cartstiff.wings.maps.reading import map_of_mechanism
-
-        data, differs = map_of_mechanism(path, elastic)
+    data, differs = map_of_mechanism(path, elastic)
     where = one_line(str(path))
     if "position" not in data:
         raise InputError(
@@ -281,9 +275,7 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
             expected=f"at most {_MOST_READ} postures",
             got=prod(data["position"].shape) // 3,
         )
-    size = 1.0
-    if elastic is not None:
-        size = LENGTHS[data["position"].attrs["units"]] / LENGTHS[elastic.units.length]
+    size = LENGTHS[data["position"].attrs["units"]] / LENGTHS[elastic.units.length]
     position = size * np.asarray(data["position"].values, float)
     shape = position.shape[:-1]
     flat = position.reshape(-1, position.shape[-1])
@@ -317,10 +309,10 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
             units,
             better=better,
         ),
-        0 if elastic is None else len(elastic.names),
+        len(elastic.names),
     )
     joints = data["joint"].values.tolist() if "q" in data else []
-    if elastic is None or joints != list(elastic.names):
+    if joints != list(elastic.names):
         return cloud
     q = _rows(data["q"], shape, np.flatnonzero(reached)[:: cloud.thinned])
     return replace(
@@ -344,7 +336,7 @@ def _rows(table: Any, shape: tuple[int, ...], wanted: Array) -> Array:
     return np.concatenate(parts)
 
 
-def _thinned(cloud: Cloud, coordinates: int = 0) -> Cloud:
+def _thinned(cloud: Cloud, coordinates: int) -> Cloud:
     """At most as many of its points, with their coordinates, as a page can show."""
     most = min(_MOST_POINTS, max(1, _MOST_COORDINATES // max(1, coordinates)))
     step = max(1, -(-len(cloud.positions) // most))
@@ -354,11 +346,10 @@ def _thinned(cloud: Cloud, coordinates: int = 0) -> Cloud:
     return replace(cloud, positions=positions, values=values, thinned=step, q=q)
 
 
-def _read_boundary(path: Path, elastic: ElasticMechanism | None) -> Cloud:
+def _read_boundary(path: Path, elastic: ElasticMechanism) -> Cloud:
     """Positions on a workspace's boundary, and the limit that cuts at each."""
     cells = read_cells(path, "boundary")
-    units = SI if elastic is None else elastic.units
-    heads = [named_unit(name, units, cells.place) for name in cells.names]
+    heads = [named_unit(name, elastic.units, cells.place) for name in cells.names]
     if [name for name, _ in heads] != ["x", "y", "z", "limit"]:
         raise InputError(
             "boundary cannot be shown",
@@ -407,7 +398,7 @@ def cloud_of_workspace(reached: Workspace) -> Cloud:
 def _cut(
     positions: Array,
     names: Sequence[str],
-    elastic: ElasticMechanism | None,
+    elastic: ElasticMechanism,
     pose: Array | None = None,
 ) -> Cloud:
     """A boundary's positions (N, 3): how stiff the body is there, turned as in `pose`,
@@ -416,7 +407,7 @@ def _cut(
     limits = np.array(_kinds_of_limits(names, elastic))
     values, units, q = {_CUTS: limits}, {_CUTS: ""}, None
     better = dict[str, str]()
-    if elastic is not None and pose is not None:
+    if pose is not None:
         q = _coordinates_at(elastic, pose, positions)
         # The first quantity is the one that is shown.
         softest, reached = np.full(len(q), np.nan), np.isfinite(q).all(axis=1)
@@ -455,9 +446,9 @@ def softest_stiffness(elastic: ElasticMechanism, q: Array) -> Array:
     return np.where(softest > numerics.NEGLIGIBLE_DIFFERENCE * most, softest, np.nan)
 
 
-def _kinds_of_limits(names: Sequence[str], elastic: ElasticMechanism | None) -> list[str]:
+def _kinds_of_limits(names: Sequence[str], elastic: ElasticMechanism) -> list[str]:
     """Limits in few kinds, whichever leg or joint is at it: "legs at most 1.2 m"."""
-    bounds = {} if elastic is None else _bounds_in_words(elastic)
+    bounds = _bounds_in_words(elastic)
     kinds = {}
     for name in dict.fromkeys(names):
         what, comma, side = name.partition(", ")

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 from cartstiff.answer.data import Answer, Quantity, said
 from cartstiff.answer.equilibrium import answer_of_equilibrium
 from cartstiff.answer.full_analysis import analysis_tables
-from cartstiff.answer.posture import answer_at
 from cartstiff.core import numerics
 from cartstiff.core.choices import Level
 from cartstiff.core.errors import joined
 from cartstiff.core.stiffness.compute import PostureStiffness
-from cartstiff.core.units import SI, Units
+from cartstiff.core.units import Units
 from cartstiff.shown.report.answer import Block, answer_text, table_lines, tables_lines
 from cartstiff.shown.report.layout import table
 from cartstiff.shown.report.matrices import matrices_of
@@ -29,7 +28,7 @@ ELSEWHERE = "--analysis full or --json has all"
 
 def describe(
     result: PostureStiffness,
-    answer: Answer | None = None,
+    answer: Answer,
     analysis: Mapping[str, Any] | None = None,
     level: Level = "full",
     *,
@@ -42,8 +41,8 @@ def describe(
     ----------
     result : PostureStiffness
         The posture.
-    answer : Answer, optional
-        Its answer; default that of `answer_at`.
+    answer : Answer
+        Its answer.
     analysis : mapping, optional
         From `cartstiff.answer.analysis.posture.summarise`.
     level : {"full", "short", "none"}
@@ -55,7 +54,6 @@ def describe(
         Further lines that were asked for.
     """
     units = result.units
-    answer = answer_at(result) if answer is None else answer
     energy: Block = ("energy", ["", *_energy(result, answer)])
     if level == "full":
         blocks = [_matrices(result, None, at_rest), energy]
@@ -114,9 +112,7 @@ def _potential_of_loads(result: PostureStiffness) -> float:
     return total * (abs(total) > numerics.PRINTED_AS_ZERO * works)
 
 
-def summary_text(
-    summary: Mapping[str, Any], units: Units | Mapping[str, str] | None = None
-) -> str:
+def summary_text(summary: Mapping[str, Any], units: Units) -> str:
     """Text of an analysis.
 
     Parameters
@@ -124,15 +120,8 @@ def summary_text(
     summary : mapping
         Analysis from `cartstiff.answer.analysis.posture.summarise` or
         `cartstiff.answer.analysis.posture`.
-    units : Units, or mapping of str to str
-        Keys "length", "force", "angle"; default SI.
-
-    Raises
-    ------
-    InputError
-        If a unit is missing.
+    units : Units
+        Units of its numbers.
     """
-    if not isinstance(units, Units):
-        units = Units.from_dict(units or SI.to_dict())
     lines = tables_lines(analysis_tables(summary, units))
     return joined(lines[1:]) + "\n"

@@ -169,13 +169,12 @@ def _legs(mechanism: Mechanism, springs: Springs) -> list[dict[str, Any]]:
     ]
 
 
-def describe_frames(answer: Mapping[str, Any], length: float = 0.0) -> str:
+def describe_frames(answer: Mapping[str, Any], units: Units, length: float) -> str:
     """Describe the answer of ``cartstiff frames``.
 
     Round-off of a length is shown as 0.
     """
-    units, joints = Units.from_dict(answer["units"]), answer["joints"]
-    mechanism = answer["mechanism"]
+    mechanism, joints = answer["mechanism"], answer["joints"]
     lines = [
         f"{mechanism['name']}: {mechanism['kind']}, {body_frame(answer, units)}, "
         f"its file in {units.length} and {units.force}, masses in kg",

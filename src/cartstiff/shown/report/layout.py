@@ -11,7 +11,6 @@ import numpy as np
 from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
 from cartstiff.core.geometry import se3
-from cartstiff.core.mechanisms.contract import Mechanism
 from cartstiff.core.notes import Note
 from cartstiff.core.units import Units
 
@@ -89,17 +88,15 @@ def placed(T: Array, units: Units) -> str:
     return ", ".join(parts)
 
 
-def body_frame(frames: Mechanism | Mapping[str, Any], units: Units | None = None) -> str:
+def body_frame(frames: Mapping[str, Any], units: Units) -> str:
     """Describe the body frame M and its pose in its link's frame.
 
     Parameters
     ----------
-    frames : Mechanism or mapping
-        The mechanism, or its `frames_as_dict`.
-    units : Units, optional
-        Units of a mapping; default SI.
+    frames : mapping
+        As `Mechanism.frames_as_dict`.
+    units : Units
+        Units of its lengths.
     """
-    if not isinstance(frames, Mapping):
-        return body_frame(frames.frames_as_dict(), frames.units)
-    where = placed(np.array(frames["frame_offset"]), units or Units())
+    where = placed(np.array(frames["frame_offset"]), units)
     return f"body frame {f'M {where} in ' if where else ''}{frames['frame']!r}"
