@@ -296,3 +296,36 @@ def test_a_program_has_gradients_at_many_postures():
     closed = cartstiff.record(cartstiff.load("five-bar"), {"x": lambda a: a["pose"][0, 3]})
     refused(r"cartstiff\.gradient has", closed.gradient, "x", closed.elastic.q, kind=UndefinedError)
     refused("output", program.gradient, "softest", arm.q, WRENCH, kind=UnknownNameError)
+
+
+@pytest.mark.thorough
+def test_columns_of_a_platform_s_jacobian_are_of_its_legs():
+    """Each a distance, as in maps: not those of x, y, z and three angles."""
+    robot, length = cartstiff.load("hexapod"), 0.3
+    scale = np.repeat([length, 1.0], 3)[:, None] * length
+
+    def ratio(q):
+        values = np.linalg.svd(cartstiff.analyse(robot, q)["jacobian"] * scale, compute_uv=False)
+        return values[-1] / values[0]
+
+    found = cartstiff.gradient(robot, of="singular_value_ratio", by="q.z", length=length)
+    step = 1e-4 * np.eye(6)[2]
+    ahead, behind = (ratio(robot.q + sign * step) for sign in (1.0, -1.0))
+    assert found.value == pytest.approx(ratio(robot.q), rel=1e-12)
+    assert found["q.z"] == pytest.approx((ahead - behind) / 2e-4, rel=1e-6)
+
+
+def test_settings_and_functions_act_or_are_refused():
+    arm = cartstiff.load("ur5")
+    asked = {"of": "along_free", "direction": [0.0, 0.0, 1.0], "by": "q.elbow_joint"}
+    even = cartstiff.gradient(arm, connection="B", **asked)  # no load: A is B
+    assert cartstiff.gradient(arm, connection="A", **asked).value == pytest.approx(even.value)
+    refused("no quantity needs it", cartstiff.gradient, arm, **(asked | {"of": "force"}))
+    refused("a positive length", cartstiff.gradient, arm, of="condition", length=-1.0)
+    refused("not one number", cartstiff.gradient, arm, of=lambda K, W, T: K[3, 3] + 0j)
+    free = cartstiff.gradient(arm, of=lambda K, W, T: abs(K[3, 3]), by="q.elbow_joint")
+    same = cartstiff.gradient(arm, of=lambda K, W, T: K[3, 3], by="q.elbow_joint")
+    assert "abs()" in free.why
+    assert free["q.elbow_joint"] == pytest.approx(same["q.elbow_joint"], rel=1e-6)
+    refused("cannot be recorded", cartstiff.record, arm, {"x": lambda a: abs(a["pose"][0, 3])})
+    refused("no numbers", cartstiff.record, arm, {"x": lambda a: a["pose"][0, 3] > 0.0})

@@ -178,7 +178,14 @@ class OwnOutputs:
             )
             verdict = larger(verdict, doubt)
         for name, own in self.functions:
-            values = found[name] = np.asarray(own.function(arrays), object)
+            try:
+                values = found[name] = np.asarray(own.function(arrays), object)
+            except TypeError as other:  # recorded numbers have no such operation
+                raise InputError(
+                    f"{name} cannot be recorded",
+                    expected="+ - * / and products of arrays",
+                    got=other,
+                ) from None
             for value in values.flat:
                 verdict = larger(verdict, limited(absolute(value), np.inf))
         return found, verdict
@@ -212,4 +219,6 @@ def _looked_at(function: Function, shapes: Mapping[str, tuple[int, ...]]) -> _Fu
     exist = {name: shape for name, shape in shapes.items() if 0 not in shape}
     read = _Read({name: rng.uniform(1.0, 2.0, shape) for name, shape in exist.items()})
     result = np.asarray(function(read))
+    if result.dtype.kind not in "fiu":
+        raise InputError("function has no numbers as its result", got=result.dtype)
     return _Function(function, tuple(read.names), result.shape)

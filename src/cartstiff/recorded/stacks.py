@@ -25,6 +25,7 @@ from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError
 from cartstiff.core.matrix_names import OF_MANY
+from cartstiff.core.mechanisms.contract import Mechanism
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.applied_load import Axes
 from cartstiff.recorded.arguments import OF_VIBRATIONS
@@ -185,8 +186,9 @@ class Stacks(Source):
 
     def on_axis(self, freedom: Freedom, others: Others) -> Numbers:
         """Stiffness (N,) along or about the direction through the frame's origin."""
-        u = np.broadcast_to(self.direction(), (len(self.K), 3))
-        return stiffnesses_on_axes(*self.pair(others), u, freedom, others)
+        stiff, flexible = self.pair(others)
+        u = np.broadcast_to(self.direction(), (len(stiff), 3))
+        return stiffnesses_on_axes(stiff, flexible, u, freedom, others)
 
     def connection_change(self) -> Numbers:
         """Largest change that
@@ -240,7 +242,10 @@ class Stacks(Source):
     def vibrations(self) -> ManyModes:
         """Small vibrations at the postures."""
         if self.swing is None:
-            raise InputError("vibrations need the postures, which are not at hand here")
+            raise InputError(
+                "a quantity of vibrations has no gradient here",
+                expected="cartstiff.sensitivities, which has those of the frequencies",
+            )
         return self.swing
 
     def frequency(self, i: int) -> Numbers:
@@ -328,10 +333,13 @@ def quantities_of(
     """
     load = settings.load
     acting = {"load_kind": load.kind, "load_at": load.at, "load_axes": load_axes}
-    swing = ManyModes(elastic, q, wrench, acting)
-    mechanism = elastic.mechanism
-    lengths = np.array([c.is_length for c in mechanism.coordinates])
-    # The Jacobian of a platform is that of its legs.
-    if mechanism.at(elastic.q).coordinates_are_pose:
-        lengths[:] = True
+    swing, lengths = ManyModes(elastic, q, wrench, acting), distances(elastic.mechanism)
     return evaluate(quantities, arrays, settings, lengths, swing)
+
+
+def distances(mechanism: Mechanism) -> Array:
+    """Which columns (n,) of the Jacobian are of distances: of a platform all, its
+    legs.
+    """
+    legs = mechanism.coordinates_are_pose
+    return np.array([legs or c.is_length for c in mechanism.coordinates])

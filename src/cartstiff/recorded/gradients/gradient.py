@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.answer.analysis.metrics import characteristic_length
 from cartstiff.core import numerics
 from cartstiff.core.arrays import Array, Result, checked_flag, checked_input
 from cartstiff.core.checked_call import checked
@@ -44,7 +45,13 @@ from cartstiff.recorded.gradients.objectives import (
     OwnObjective,
 )
 from cartstiff.recorded.plans import Case
-from cartstiff.recorded.quantities import Settings, choose_quantities, default_length
+from cartstiff.recorded.quantities import (
+    Settings,
+    check_used,
+    choose_quantities,
+    default_length,
+)
+from cartstiff.recorded.stacks import distances
 from cartstiff.recorded.strength import Drives
 
 #: Least agreement of the recorded objective with the core's, as a share.
@@ -288,7 +295,7 @@ def gradient(
     kind = DEAD_AT_ORIGIN if wrench is None else LoadKind(load_kind, load_at)  # type: ignore[arg-type]
     settings = Settings(
         connection,
-        1.0 if length is None else float(length),
+        characteristic_length(given=1.0 if length is None else length).value,
         _numbers_of(direction, 3, "direction"),
         _numbers_of(deflect, 6, "deflect"),
         load=kind,
@@ -296,12 +303,14 @@ def gradient(
         drives=Drives.of(elastic),
     )
     if isinstance(of, str):
-        (quantity,) = choose_quantities([of], settings, elastic)
+        (quantity,) = chosen = choose_quantities([of], settings, elastic)
+        check_used(settings, chosen)
         if quantity.asks == "length" and length is None:
             length = default_length(elastic, connection, **load)
             settings = replace(settings, length=length)
         asked: Asked = OfQuantity(quantity, settings, elastic)
     else:
+        check_used(settings, ())
         asked = OfFunction(of, settings)
     return _Question(subject, asked, load, kind).gradient(by)
 
@@ -396,7 +405,7 @@ class _Question:
     @cached_property
     def _arithmetic(self) -> tuple[Recorded, Differentiated] | str:
         """What is recorded, or the reason why nothing is."""
-        lengths = tuple(c.is_length for c in self.mechanism.coordinates)
+        lengths = tuple(distances(self.mechanism).tolist())
         recorded = Recorded.of(self.parameters, self.state, with_payload=True)
         if isinstance(recorded, str):
             return f"nothing is recorded: {recorded}"
@@ -404,6 +413,8 @@ class _Question:
             program = _program(recorded.case, self.asked, lengths, self.state is not None)
         except KeyError as missing:
             return f"nothing is recorded: {missing.args[0]} is not among its outputs"
+        except TypeError as other:  # recorded numbers have no such operation
+            return f"nothing is recorded: {self.asked.name}: {other}"
         return recorded, program
 
     def _exact(self) -> tuple[dict[str, float], str]:

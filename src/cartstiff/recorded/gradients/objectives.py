@@ -13,7 +13,7 @@ from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.compute import PostureStiffness
 from cartstiff.recorded.quantities import Quantity, Settings
 from cartstiff.recorded.readings import READINGS, Readings, RecordedSource
-from cartstiff.recorded.stacks import evaluate
+from cartstiff.recorded.stacks import distances, evaluate
 
 #: A function of the stiffness (6, 6) of the connection, the wrench (6,) and the pose (4,
 #: 4).
@@ -67,7 +67,7 @@ class OfQuantity(Asked):
             name: _output(result, name)[None] for name in quantity.outputs(settings)
         }
         arrays |= {name: _output(result, name)[None] for name in ("pose", "wrench")}
-        lengths = np.array([c.is_length for c in result.elastic.mechanism.coordinates])
+        lengths = distances(result.elastic.mechanism)
         return float(evaluate([quantity], arrays, settings, lengths)[quantity.name][0])
 
     def recorded(self, arrays: Mapping[str, Array], lengths: Array) -> tuple[Any, Any]:
@@ -92,10 +92,12 @@ class OfFunction(Asked):
         """Its value at an analysed posture; InputError unless that is one number."""
         K = _output(result, f"stiffness_{self._connection}")
         W, pose = _output(result, "wrench"), _output(result, "pose")
-        value = np.asarray(self._function(K, W, pose), float)
-        if value.shape != ():
+        value = np.asarray(self._function(K, W, pose))
+        if value.shape != () or value.dtype.kind not in "fiu":
             raise InputError(
-                "the objective is not one number", expected="shape ()", got=value.shape
+                "the objective is not one number",
+                expected="shape ()",
+                got=f"{value.dtype}, shape {value.shape}",
             )
         return float(value)
 
