@@ -183,17 +183,17 @@ def test_functions():
         "hessian": lambda q: np.eye(2),
     }
     refused(
-        r"gradient has the wrong shape; expected \(2,\), got \(3,\)",
+        "gradient has the wrong count; expected 2 numbers, got 3",
         JointFunction(**{**ok, "gradient": lambda q: np.zeros(3)}).evaluate,
         two,
     )
     refused(
-        r"Hessian has the wrong shape; expected \(2, 2\)",
+        r"Hessian has the wrong shape; expected shape \(2, 2\)",
         JointFunction(**{**ok, "hessian": lambda q: np.eye(3)}).evaluate,
         two,
     )
     refused(
-        r"stiffness has the wrong shape; expected \(6, 6\)",
+        r"stiffness has the wrong shape; expected shape \(6, 6\)",
         PoseFunction(
             energy=lambda T: 0.0, wrench=lambda T: np.zeros(6), stiffness=lambda T: np.eye(3)
         ).on_pose,

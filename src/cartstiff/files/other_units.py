@@ -37,7 +37,7 @@ def in_units(elastic: ElasticMechanism, length: str) -> ElasticMechanism:
     a, _ = convert_length(elastic.units, units)
     known = elastic.identified
     mechanism = elastic.mechanism.in_units(a, units)
-    is_length = np.array([c.is_length for c in mechanism.coordinates], bool)
+    is_length = mechanism.is_length
     sizes = np.where(is_length, a, 1.0)
     efforts = np.where(is_length, 1.0, a)
     springs, damping = elastic.springs, elastic.damping

@@ -320,10 +320,14 @@ def characteristic_length(tree: Kinematics) -> Scalar:
 def closed_arrays(
     tape: Tape, case: ChainCase, wanted: Collection[str]
 ) -> dict[str, Array]:
-    """Outputs that exist, among them all that are wanted,
-    and the "verdict" on the posture.
+    """Outputs that exist, among them all that are wanted, and the "verdict" on the
+    posture; the `gaps` as well, if these are wanted.
     """
-    return arrays_of(ClosedChainNumbers(tape, case), wanted)
+    chain = ClosedChainNumbers(tape, case)
+    arrays = arrays_of(chain, wanted)
+    if "gaps" in wanted:
+        arrays["gaps"] = gaps(chain.kinematics)
+    return arrays
 
 
 #: Bernoulli numbers over factorials: coefficients of ``(t / 2) cot(t / 2)`` in t^2, but

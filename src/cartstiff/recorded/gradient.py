@@ -27,8 +27,7 @@ from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
 from cartstiff.core.geometry.se3 import skew_of
 from cartstiff.recorded.algebra import PLAIN, given_wrench, zeros
-from cartstiff.recorded.chains import ChainCase, joint_positions, recorded_tree
-from cartstiff.recorded.closed_chains import gaps
+from cartstiff.recorded.chains import ChainCase
 from cartstiff.recorded.plans import Case, recorded_arrays
 from cartstiff.recorded.tape import (
     FOLDED,
@@ -99,7 +98,6 @@ _CHOICES = ("max", "pick")
 def pullback(
     outputs: Sequence[tuple[Scalar, Scalar]],
     inputs: Sequence[Number],
-    choices: list[tuple[Scalar, Scalar, Scalar]] | None = None,
 ) -> list[Scalar]:
     r"""Derivatives of ``sum of weight * output`` by each input,
     recorded on the outputs' tape.
@@ -111,9 +109,6 @@ def pullback(
         numbers among the outputs do not depend on anything.
     inputs : sequence of Number
         Inputs of that tape.
-    choices : list, optional
-        Gets the two numbers that each choice compares, and the adjoint of its result:
-        where they are equal and that is not zero, there may be no derivative.
 
     Returns
     -------
@@ -138,12 +133,6 @@ def pullback(
         del adjoint[step]
         values = [_value(tape, argument) for argument in arguments]
         parts = _parts(name, values, Number(tape, step), w)
-        if (
-            choices is not None
-            and name in _CHOICES
-            and not reached.isdisjoint(arguments[:2])
-        ):
-            choices.append((values[0], values[1], w))
         for argument, part in zip(arguments, parts, strict=True):
             if argument in reached:
                 adjoint[argument] = adjoint.get(argument, 0.0) + part
@@ -192,9 +181,9 @@ def _at(at: Mapping[int, float], x: Scalar) -> float:
 
 #: Two numbers that differ by a smaller share are equal.
 _TIE = numerics.NEGLIGIBLE_DIFFERENCE
-#: Objectives on recorded numbers: from the arrays of `analyse_many` to numbers (m,) and a
-#: verdict.
-Objective = Callable[[Arrays], tuple[Sequence[Scalar], Scalar]]
+#: Objectives on recorded numbers: from the arrays of `analyse_many` to a number, or
+#: numbers (m,), and a verdict.
+Objective = Callable[[Arrays], tuple[Scalar | Sequence[Scalar], Scalar]]
 
 
 class Swept(NamedTuple):
@@ -366,9 +355,10 @@ class Differentiated:
     ) -> None:
         with uncollected():
             tape = Tape()
-            arrays = recorded_arrays(tape, case, needed)
-            values, verdict = objective(arrays)
-            closures = _closures(tape, case)
+            arrays = recorded_arrays(tape, case, (*needed, "gaps"))
+            found, verdict = objective(arrays)
+            values = np.ravel(np.asarray(found, object))
+            closures = arrays.get("gaps", zeros(0))
             self._count, self._is_closed = len(values), bool(len(closures))
             verdict = larger(arrays["verdict"][0], verdict)
             self._numbers = Sweep([*values, *closures], verdict)
@@ -391,14 +381,6 @@ class Differentiated:
         return Slopes(found.values[:m], by, found.kinks[:m], closing_if_any, forces)
 
 
-def _closures(tape: Tape, case: Case) -> Array:
-    """Residuals of a closed chain's closures; none of other mechanisms."""
-    if not (isinstance(case, ChainCase) and case.is_closed):
-        return zeros(0)
-    _, _, position = joint_positions(tape, case.constants)
-    return gaps(recorded_tree(tape, case, position))
-
-
 class Forces:
     r"""Derivatives of the generalised forces f of a mechanism by all inputs.
 
@@ -413,8 +395,8 @@ class Forces:
     def __init__(self, case: Case) -> None:
         with uncollected():
             tape = Tape()
-            arrays = recorded_arrays(tape, case, ())
-            T, n, residuals = arrays["pose"], 6, _closures(tape, case)
+            arrays = recorded_arrays(tape, case, ("gaps",))
+            T, n, residuals = arrays["pose"], 6, arrays.get("gaps", zeros(0))
             self._moving = list(range(n))
             if isinstance(case, ChainCase):
                 n, self._moving = len(case.constants.is_length), case.moving

@@ -140,10 +140,13 @@ def _weight(elastic: ElasticMechanism, gravity: Array) -> Array:
 
 
 def recorded_arrays(tape: Tape, case: Case, needed: tuple[str, ...]) -> dict[str, Array]:
-    """Outputs of a case that exist, among them all that are needed, and the "verdict"."""
+    """Outputs of a case that exist, among them all that are needed, the "verdict", and
+    "lengths": which columns of the Jacobian are of distances, those of legs are.
+    """
     if not isinstance(case, ChainCase):
-        return platform_arrays(tape, case, needed)
-    return (closed_arrays if case.is_closed else chain_arrays)(tape, case, needed)
+        return platform_arrays(tape, case, needed) | {"lengths": np.ones(6, bool)}
+    arrays = (closed_arrays if case.is_closed else chain_arrays)(tape, case, needed)
+    return arrays | {"lengths": np.array(case.constants.is_length)}
 
 
 @lru_cache(maxsize=64)
@@ -182,10 +185,8 @@ def program_for(
     arrays = recorded_arrays(tape, case, needed)
     kept = [n for n in (outputs if stored is None else stored) if n in arrays]
     doubts = [arrays["verdict"][0]]
-    lengths = case.constants.is_length if isinstance(case, ChainCase) else (True,) * 6
     if readings is not None and readings.exist_beside(arrays):
-        known = {**arrays, "lengths": np.array(lengths)}
-        values, doubt = read(known, readings, acting(tape, case))
+        values, doubt = read(arrays, readings, acting(tape, case))
         doubts.append(doubt)
         arrays |= {name: values[i : i + 1] for i, name in enumerate(readings.names)}
         kept += readings.names

@@ -696,7 +696,7 @@ def choose_quantities(
 def _manipulability_unit(elastic: ElasticMechanism) -> str:
     """Unit of the product of singular values: each joint counts in its own unit."""
     mechanism = elastic.mechanism
-    slides = sum(c.is_length for c in mechanism.coordinates)
+    slides = int(mechanism.is_length.sum())
     if mechanism.coordinates_are_pose:
         slides = 6  # what moves are the legs
     elif len(mechanism.coordinates) < 6 or (slides and len(mechanism.coordinates) > 6):

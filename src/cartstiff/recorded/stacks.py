@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff.answer.analysis.asymmetry import relative_changes, roots_of_compliances
 from cartstiff.answer.analysis.ellipsoids import (
@@ -337,9 +338,8 @@ def quantities_of(
     return evaluate(quantities, arrays, settings, lengths, swing)
 
 
-def distances(mechanism: Mechanism) -> Array:
+def distances(mechanism: Mechanism) -> NDArray[np.bool_]:
     """Which columns (n,) of the Jacobian are of distances: of a platform all, its
     legs.
     """
-    legs = mechanism.coordinates_are_pose
-    return np.array([legs or c.is_length for c in mechanism.coordinates])
+    return np.ones(6, bool) if mechanism.coordinates_are_pose else mechanism.is_length

@@ -327,7 +327,7 @@ def target_section(
         )
         torque = joint_springs.torque - gradient
         names = r.elastic.names
-        lengths = [c.is_length for c in r.elastic.mechanism.coordinates]
+        lengths = r.elastic.mechanism.is_length.tolist()
     else:
         raise UndefinedError(
             "joint stiffnesses for a target are found for serial arms and six-legged "

@@ -341,7 +341,6 @@ class Chain(Mechanism):
         self.virtual = frozenset(virtual)
         self.held: list[int] = sorted({*(self.actuated or ()), *virtual})
         self.undriven = self.virtual | (frozenset(range(tree.n)) - frozenset(driven))
-        self.is_length = np.array([c.is_length for c in tree.coordinates], bool)
         self.has_lengths = bool(self.is_length.any())
         #: Natural sizes of the coordinates of a chain of angles only.
         self.angles = read_only(np.ones(tree.n))

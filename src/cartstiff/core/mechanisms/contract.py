@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.core.arrays import Array, checked_input, fixed
 from cartstiff.core.errors import InputError, UnknownNameError
+from cartstiff.core.lazily import cached_property
 from cartstiff.core.notes import Note
 from cartstiff.core.potentials.contract import (
     NO_POINTS,
@@ -426,6 +427,11 @@ class Mechanism(ABC):
     def names(self) -> tuple[str, ...]:
         """Names of the coordinates."""
         return tuple(c.name for c in self.coordinates)
+
+    @cached_property
+    def is_length(self) -> NDArray[np.bool_]:
+        """Which coordinates are distances, and no angles (n,)."""
+        return np.array([c.is_length for c in self.coordinates], bool)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -485,7 +485,7 @@ class ElasticMechanism(ShownInLines):
         """Springs and potentials, with the names of what deflects in them and whether
         that is a distance.
         """
-        slides = [c.is_length for c in self.mechanism.coordinates]
+        slides = self.mechanism.is_length.tolist()
         found = list[tuple[Potential, Sequence[str], Sequence[bool]]]()
         for term, names in self._named:
             if at := term.members:

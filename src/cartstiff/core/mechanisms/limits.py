@@ -280,7 +280,7 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
     # Rigid joints and free joints have no spring torque at any position.
     if not (torque := springs.torque(q)).any():
         return []
-    is_length = np.array([c.is_length for c in chain.coordinates], bool)
+    is_length = chain.is_length
     x = np.where(np.isnan(springs.rest) | (torque == 0.0), 0.0, q - springs.rest)
     x[list(chain.undriven)] = 0.0
     if not is_length.any() and np.abs(x).sum() <= MAX_WIND_UP:

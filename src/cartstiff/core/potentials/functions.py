@@ -57,15 +57,6 @@ def _differentiate(
     return value, g, h
 
 
-def _symmetric(h: ArrayLike, n: int, name: str) -> Array:
-    h = np.asarray(h, float)
-    if h.shape != (n, n):
-        raise InputError(
-            f"{name} has the wrong shape", expected=f"({n}, {n})", got=str(h.shape)
-        )
-    return h
-
-
 @dataclass(frozen=True, eq=False)
 class JointFunction(Potential):
     """Energy as a function of the joint coordinates.
@@ -98,14 +89,10 @@ class JointFunction(Potential):
         if self.gradient is None or self.hessian is None:
             f = lambda d: float(self.energy(q + d))  # noqa: E731
             return Evaluation(*_differentiate(f, np.full(q.size, self.scale)))
-        g = np.asarray(self.gradient(q), float)
-        if g.shape != q.shape:
-            raise InputError(
-                "gradient has the wrong shape", expected=str(q.shape), got=str(g.shape)
-            )
-        return Evaluation(
-            float(self.energy(q)), g, _symmetric(self.hessian(q), q.size, "Hessian")
-        )
+        n, energy = q.size, float(self.energy(q))
+        g = checked_array(self.gradient(q), (n,), "gradient", finite=False)
+        H = checked_array(self.hessian(q), (n, n), "Hessian", finite=False)
+        return Evaluation(energy, g, H)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +127,7 @@ class PoseFunction(PosePotential):
         if self.wrench is None or self.stiffness is None:
             scale = np.array([1.0] * 3 + [self.length] * 3)
             return _differentiate(lambda x: float(self.energy(T_a_b @ se3.exp(x))), scale)
-        K = _symmetric(self.stiffness(T_a_b), 6, "stiffness")
+        K = checked_array(self.stiffness(T_a_b), (6, 6), "stiffness", finite=False)
         W = checked_array(self.wrench(T_a_b), (6,), "wrench", finite=False)
         return float(self.energy(T_a_b)), W, 0.5 * (K + K.T)
 

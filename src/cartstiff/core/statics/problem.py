@@ -668,7 +668,7 @@ class System:
 
     @cached_property
     def _angles(self) -> list[bool]:
-        return [not c.is_length for c in self.elastic.mechanism.coordinates]
+        return (~self.elastic.mechanism.is_length).tolist()
 
     def displacement(self, start: Point, end: Point) -> Array:
         """Step (n,) from one point to another, in natural units."""

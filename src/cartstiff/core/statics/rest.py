@@ -433,16 +433,8 @@ class Equilibrium(Result, LabelledResult):
 
     def _notes_on_start(self) -> list[Note]:
         """Note on a start that is balanced without the added loads, but not stable."""
-        system = System(self.elastic, (), None, self._system.limits)
-        try:
-            with bounded(self.elastic):
-                found = solve(system, self.start.q, settle=False)
-        except (ConvergenceError, UndefinedError):
-            return []
-        if (
-            found.iterations
-            or state_of_rest(system, found, self.start, 1).stable is not False
-        ):
+        rest = self._without_loads(settle=False)
+        if rest is None or rest.iterations or rest.stable is not False:
             return []
         words = "at the start the springs balance the mechanism without holding it: that "
         words += (
@@ -589,13 +581,17 @@ class Equilibrium(Result, LabelledResult):
         """
         if not self.loads and self._system.held is None:
             return self
+        return self._without_loads(settle=True)
+
+    def _without_loads(self, settle: bool) -> Equilibrium | None:
+        """The rest near the start without added loads and held components, if there is
+        one; a stable one if the start is no equilibrium, and it may settle.
+        """
         system = System(self.elastic, (), None, self._system.limits)
         try:
             with bounded(self.elastic):
                 found = solve(system, self.start.q, settle=False)
-                if (
-                    found.iterations
-                ):  # the start is no equilibrium: a stable one is wanted
+                if settle and found.iterations:
                     found = solve(system, self.start.q)
         except (ConvergenceError, UndefinedError):
             return None

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.answer.analysis.metrics import characteristic_length
 from cartstiff.core import numerics
-from cartstiff.core.arrays import Array, Result, checked_flag, checked_input
+from cartstiff.core.arrays import Result, checked_flag
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import (
     CartstiffError,
@@ -49,10 +48,8 @@ from cartstiff.recorded.quantities import (
     Settings,
     check_used,
     choose_quantities,
-    default_length,
+    quantity_named,
 )
-from cartstiff.recorded.stacks import distances
-from cartstiff.recorded.strength import Drives
 
 #: Least agreement of the recorded objective with the core's, as a share.
 _SAME = numerics.NEGLIGIBLE_DIFFERENCE
@@ -207,13 +204,6 @@ class Gradient(Result):
         return "\n".join([head, *lines, *notes])
 
 
-def _numbers_of(given: ArrayLike | None, count: int, name: str) -> Any:
-    """A setting's numbers, which can be a key; None stays."""
-    if given is None:
-        return None
-    return tuple(checked_input(given, (count,), name).tolist())
-
-
 @checked
 def gradient(
     elastic: ElasticMechanism,
@@ -293,21 +283,20 @@ def gradient(
     if connection is None:
         connection = "B" if wrench is None else "load"
     kind = DEAD_AT_ORIGIN if wrench is None else LoadKind(load_kind, load_at)  # type: ignore[arg-type]
-    settings = Settings(
-        connection,
-        characteristic_length(given=1.0 if length is None else length).value,
-        _numbers_of(direction, 3, "direction"),
-        _numbers_of(deflect, 6, "deflect"),
-        load=kind,
-        is_loaded=wrench is not None,
-        drives=Drives.of(elastic),
+    is_scaled = isinstance(of, str) and quantity_named(of).asks == "length"
+    settings = Settings.of(
+        elastic,
+        kind,
+        None if wrench is None else np.asarray(wrench, float),
+        load_axes,
+        connection=connection,
+        length=1.0 if length is None and not is_scaled else length,
+        direction=direction,
+        deflect=deflect,
     )
     if isinstance(of, str):
         (quantity,) = chosen = choose_quantities([of], settings, elastic)
         check_used(settings, chosen)
-        if quantity.asks == "length" and length is None:
-            length = default_length(elastic, connection, **load)
-            settings = replace(settings, length=length)
         asked: Asked = OfQuantity(quantity, settings, elastic)
     else:
         check_used(settings, ())
@@ -328,16 +317,9 @@ def exact_slopes(
 
 
 @lru_cache(maxsize=8)
-def _program(
-    case: Case, asked: Asked, lengths: tuple[bool, ...], comes_to_rest: bool
-) -> Differentiated:
+def _program(case: Case, asked: Asked, comes_to_rest: bool) -> Differentiated:
     """An objective with its derivatives, recorded once; KeyError without an output."""
-
-    def objective(arrays: Mapping[str, Array]) -> tuple[list[Any], Any]:
-        value, verdict = asked.recorded(arrays, np.array(lengths))
-        return [value], verdict
-
-    return Differentiated(case, asked.needed, objective, comes_to_rest)
+    return Differentiated(case, asked.needed, asked.recorded, comes_to_rest)
 
 
 class _Question:
@@ -353,7 +335,6 @@ class _Question:
         self.state = subject if isinstance(subject, Equilibrium) else None
         self.asked, self.kind = asked, kind
         self.parameters = parameters_of(subject, load=load)
-        self.mechanism = self.parameters.asked.mechanism
         self.nominal = {**self.parameters.of_question, **self.parameters.nominal}
         self.value = self._seen(subject)
         if not np.isfinite(self.value):
@@ -405,12 +386,11 @@ class _Question:
     @cached_property
     def _arithmetic(self) -> tuple[Recorded, Differentiated] | str:
         """What is recorded, or the reason why nothing is."""
-        lengths = tuple(distances(self.mechanism).tolist())
         recorded = Recorded.of(self.parameters, self.state, with_payload=True)
         if isinstance(recorded, str):
             return f"nothing is recorded: {recorded}"
         try:
-            program = _program(recorded.case, self.asked, lengths, self.state is not None)
+            program = _program(recorded.case, self.asked, self.state is not None)
         except KeyError as missing:
             return f"nothing is recorded: {missing.args[0]} is not among its outputs"
         except TypeError as other:  # recorded numbers have no such operation

@@ -28,6 +28,7 @@ from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
 from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import CartstiffError, UndefinedError, one_line
+from cartstiff.core.geometry import se3
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.statics.rest import Equilibrium
 from cartstiff.core.statics.small_motions import kinetic_matrix
@@ -251,9 +252,8 @@ class _Question:
             for i, x in enumerate(self.here)
         )
         natural = np.array([self.parameters.size(name) for name in names])
-        turn = dT[:, :3, :3] @ self.subject.pose[:3, :3].T
-        each = [turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0], *dT[:, :3, 3].T]
-        poses = np.column_stack(each)
+        turns = se3.unskew(dT[:, :3, :3] @ self.subject.pose[:3, :3].T)
+        poses = np.hstack([turns, dT[:, :3, 3]])
         squares = np.zeros((p, 0)) if modes is None else change_of_squares(modes, dH, dM)
         # Entries below the round-off of their matrix are 0.
         error = np.minimum(errors, numerics.NEGLIGIBLE_DIFFERENCE)
@@ -275,11 +275,10 @@ class _Question:
 
     def seen(self, subject: PostureStiffness | Equilibrium) -> _Parts:
         """The arrays of an answer; motions keep the closures."""
-        modes, none = self.modes, np.full((6, 6), np.nan)
+        modes = self.modes
         # The matrices and the pose; without masses that is all.
         result = subject.stiffness if isinstance(subject, Equilibrium) else subject
-        each = [result.matrices[name] for name in MATRICES]
-        dK = np.array([none if K is None else K for K in each])
+        dK = np.array([result[name] for name in MATRICES])
         if modes is None:
             return [dK, subject.pose, np.zeros((0, 0)), np.zeros((0, 0))]
         posture = subject.posture

@@ -11,6 +11,7 @@ from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.compute import PostureStiffness
+from cartstiff.recorded.arguments import shapes_of
 from cartstiff.recorded.quantities import Quantity, Settings
 from cartstiff.recorded.readings import READINGS, Readings, RecordedSource
 from cartstiff.recorded.stacks import distances, evaluate
@@ -40,7 +41,7 @@ class Asked:
         """Its value at an analysed posture; NaN where it does not exist."""
         raise NotImplementedError
 
-    def recorded(self, arrays: Mapping[str, Array], lengths: Array) -> tuple[Any, Any]:
+    def recorded(self, arrays: Mapping[str, Array]) -> tuple[Any, Any]:
         """Its value on recorded numbers and the verdict on it.
 
         KeyError without an output.
@@ -70,10 +71,10 @@ class OfQuantity(Asked):
         lengths = distances(result.elastic.mechanism)
         return float(evaluate([quantity], arrays, settings, lengths)[quantity.name][0])
 
-    def recorded(self, arrays: Mapping[str, Array], lengths: Array) -> tuple[Any, Any]:
+    def recorded(self, arrays: Mapping[str, Array]) -> tuple[Any, Any]:
         """Its value on recorded numbers, and the verdict on it."""
         reading = READINGS[self.name]
-        source = RecordedSource({**arrays, "lengths": lengths}, self._readings)
+        source = RecordedSource(arrays, self._readings)
         return reading.function(source), source.verdict
 
 
@@ -101,7 +102,7 @@ class OfFunction(Asked):
             )
         return float(value)
 
-    def recorded(self, arrays: Mapping[str, Array], lengths: Array) -> tuple[Any, Any]:  # noqa: ARG002
+    def recorded(self, arrays: Mapping[str, Array]) -> tuple[Any, Any]:
         """Its value on recorded numbers, and the verdict on it."""
         W, K = arrays["wrench"], arrays.get(self.needed[0], np.full((6, 6), np.nan))
         if self._connection == "load":
@@ -110,21 +111,5 @@ class OfFunction(Asked):
 
 
 def _output(result: PostureStiffness, name: str) -> Array:
-    """An output of `analyse_many` at one analysed posture.
-
-    NaN where it does not exist.
-    """
-    kind, _, letter = name.partition("_")
-    here, value = result.at(), None
-    found = {
-        "stiffness": here.matrices,
-        "compliance": here.compliances,
-    }
-    if kind in found:
-        value = found[kind][letter]
-    elif name == "energy":
-        value = np.array([result.energy])
-    else:
-        value = getattr(result, name)
-    shape = (6,) if name == "wrench" else (6, 6)
-    return np.full(shape, np.nan) if value is None else np.asarray(value)
+    """An output of `analyse_many` at one posture; NaN where it does not exist."""
+    return np.broadcast_to(result[name], shapes_of(result.elastic)[name])

@@ -5,7 +5,7 @@ Spreads follow to first order from exact derivatives of the matrices.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +36,7 @@ from cartstiff.core.stiffness.compute import PostureStiffness
 
 if TYPE_CHECKING:
     from cartstiff.answer.analysis.parameters import Parameters
-    from cartstiff.answer.analysis.tolerances import Tolerances, Uncertain
+    from cartstiff.answer.analysis.tolerances import Tolerances
 
 
 @checked
@@ -176,9 +176,7 @@ def _uncertainty(
         each = [(found.get(name, np.zeros(0)), x) for name, x in nominal.items()]
         return [there if there.shape == x.shape else x * np.nan for there, x in each]
 
-    slopes = _exact_slopes(parameters, uncertain, seen, progress)
-    if slopes is None:
-        slopes = _quotients(parameters, uncertain, seen, here, progress)
+    slopes = _slopes(parameters, uncertain.names, seen, here, progress)
     deviations, shares = shares_of(uncertain.variances(slopes))
     level = 0.95
     factor = uncertain.factor(level)
@@ -216,18 +214,26 @@ def _uncertainty(
     }
 
 
-def _quotients(
+def _slopes(
     parameters: Parameters,
-    uncertain: Uncertain,
+    names: Sequence[str],
     seen: Callable[[PostureStiffness], list[Array]],
     here: list[Array],
     progress: Callable[[int, int], None] | None,
 ) -> Array:
-    """Derivatives (p, ...) of all numbers by analysing the posture again."""
+    """Derivatives (p, ...) of all numbers by some parameters: along exact ones of the
+    matrices, or by analysing the posture again where these are not recorded.
+    """
+    from cartstiff.recorded.gradients.exact import slopes_of_matrices
+
+    result, exact = parameters.result, slopes_of_matrices(parameters, names)
     slopes = list[Array]()
-    for done, name in enumerate(uncertain.names, 1):
+    for done, name in enumerate(names):
         try:
-            each = parameters.quotient(name, seen, here).slopes
+            if exact is None:
+                each = parameters.quotient(name, seen, here).slopes
+            else:
+                each = _along(result, {n: x[done] for n, x in exact.items()}, seen)
         except UndefinedError:
             raise
         except CartstiffError as error:
@@ -235,47 +241,30 @@ def _quotients(
             raise UndefinedError(words, code="no-samples") from None
         slopes.append(np.concatenate([x.ravel() for x in each]))
         if progress is not None:
-            progress(done, len(uncertain.names))
+            progress(done + 1, len(names))
     return np.array(slopes)
 
 
-def _exact_slopes(
-    parameters: Parameters,
-    uncertain: Uncertain,
+def _along(
+    result: PostureStiffness,
+    own: Mapping[str, Array],
     seen: Callable[[PostureStiffness], list[Array]],
-    progress: Callable[[int, int], None] | None,
-) -> Array | None:
-    """Derivatives (p, ...) of all numbers along exact ones of the matrices.
+) -> list[Array]:
+    """Derivatives of all numbers along `own` ones of the matrices.
 
-    Every number follows from K^B, K^F and the wrench, which are moved by each parameter
-    without another analysis of the mechanism. None where the derivatives are not
-    recorded.
+    Every number follows from K^B, K^F and the wrench, which are moved without another
+    analysis of the mechanism.
     """
-    from cartstiff.recorded.gradients.exact import slopes_of_matrices
-
-    result = parameters.result
-    found = slopes_of_matrices(parameters, uncertain.names)
-    if found is None:
-        return None
     sizes = np.repeat([1.0, result.length], 3)
     energies = np.outer(sizes, sizes)
     most = float(np.abs(np.asarray(result.matrices["B"]) * energies).max())
-    slopes = list[Array]()
-    for done in range(len(uncertain.names)):
-        own = {name: x[done] for name, x in found.items()}
-        changes = [own["wrench"] * sizes / result.length]
-        changes += [x * energies for name, x in own.items() if name != "wrench"]
-        # Some numbers, as the place of the base, change nothing.
-        largest = max(float(np.abs(x).max()) for x in changes)
-        step = numerics.DIFFERENCE_STEP * most / (largest or most)
-        ahead, behind = (
-            np.concatenate([x.ravel() for x in seen(_changed(result, own, h))])
-            for h in (step, -step)
-        )
-        slopes.append((ahead - behind) / (2.0 * step))
-        if progress is not None:
-            progress(done + 1, len(uncertain.names))
-    return np.array(slopes)
+    changes = [own["wrench"] * sizes / result.length]
+    changes += [x * energies for name, x in own.items() if name != "wrench"]
+    # Some numbers, as the place of the base, change nothing.
+    largest = max(float(np.abs(x).max()) for x in changes)
+    step = numerics.DIFFERENCE_STEP * most / (largest or most)
+    ahead, behind = (seen(_changed(result, own, h)) for h in (step, -step))
+    return [(x - y) / (2.0 * step) for x, y in zip(ahead, behind, strict=True)]
 
 
 def _changed(

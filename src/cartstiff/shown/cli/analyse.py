@@ -244,8 +244,8 @@ def command(
             data["as_controller"] = _as_controller(
                 result, order or ORDERS[0], axes or "body"
             )
+        json_text(data, setup.mechanism)  # or a refusal, before anything is written
         by_parameters = parameters.add(result, setup, data)
-    json_text(data, setup.mechanism)  # or a refusal, before anything is written
     if reading.level != "none":
         data["analysis"] = reading.run(result, setup.world)
     answer = reading.answer(result, setup.world)

@@ -838,7 +838,7 @@ class Parameters:
             again = reread if elastic.parameters else None
             with Progress("parameters") as bar:
                 known = sensitivities(subject, reread=again, progress=bar)
-            data["sensitivities"] = known.to_dict()
+            data["sensitivities"] = known
             tables.append(answers.sensitivity_table(known, elastic.units))
         swings = isinstance(subject, Modes)
         if tolerance is not None or (swings and is_uncertain):

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,12 @@ from cartstiff.core.errors import InputError, one_line, printable
 
 
 def json_text(data: Mapping[str, Any], mechanism: str) -> str:
-    """Return one JSON object; refuse numbers outside the range of double precision."""
+    """Return one JSON object, with results as plain data; refuse numbers outside the
+    range of double precision.
+    """
     try:
-        return json.dumps(data, allow_nan=False).replace("\x7f", "\\u007f")
+        text = json.dumps(data, default=methodcaller("to_dict"), allow_nan=False)
+        return text.replace("\x7f", "\\u007f")
     except ValueError:
         raise InputError(
             "the result leaves the range of double precision",

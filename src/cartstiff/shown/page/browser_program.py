@@ -285,7 +285,7 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
         "platform": mechanism.coordinates_are_pose,
         "may_be_loaded": elastic.may_be_loaded,
         "names": list(elastic.spring_names),
-        "are_lengths": [c.is_length for c in mechanism.coordinates],
+        "are_lengths": mechanism.is_length.tolist(),
         "actuated": list(mechanism.actuated or ()),
         "virtual": sorted(mechanism.virtual),
         "length_unit": elastic.units.length,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable, Mapping
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from cartstiff.core.writing import write_whole
 
 def write_json(data: Mapping[str, Any], path: Path) -> None:
     """Write a result's plain data as JSON."""
-    text = json.dumps(data, allow_nan=False, indent=1)
+    plain = methodcaller("to_dict")
+    text = json.dumps(data, default=plain, allow_nan=False, indent=1)
     write_whole(path, text.encode() + b"\n")
 
 

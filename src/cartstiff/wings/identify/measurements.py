@@ -242,36 +242,18 @@ def field_of(elastic: ElasticMechanism) -> Array:
 
 def wrenches(
     measured: Measurements, elastic: ElasticMechanism, poses: Array
-) -> tuple[Array, Array, Array]:
-    """Loads on M in its axes (N, 6), those of the reference state,
-    and the forces' part in F.
-
-    Returns
-    -------
-    loaded, reference : ndarray (N, 6)
-        (moment, force) about the origin of M: all loads; and that of `mass0` alone.
-    inertial : ndarray (N, 6)
-        The load at `load_at` along the axes of F.
+) -> tuple[Array, Array]:
+    """All loads (N, 6), moment and force at `load_at` along the axes of F, and those of
+    the reference state, `mass0` alone.
     """
-    R = poses[:, :3, :3]
-    loads = measured.wrench.reshape(-1, 2, 3)
-    if measured.axes == "body":
-        loads = np.einsum("nij,nkj->nki", R, loads)
-    elif measured.axes == "base":
-        loads = loads @ elastic.mechanism.base_pose[:3, :3].T
-    weight = np.multiply.outer(measured.mass, field_of(elastic)) / elastic.units.newtons
-    weight0 = np.multiply.outer(measured.mass0, field_of(elastic)) / elastic.units.newtons
-    nothing = np.zeros_like(weight)
-    total = loads + np.stack([nothing, weight], axis=1)
-    reference = np.stack([nothing, weight0], axis=1)
-    at = np.asarray(measured.load_at)
-
-    def in_body(inertial: Array) -> Array:
-        W = np.einsum("nji,nkj->nki", R, inertial).reshape(-1, 6)
-        W[:, :3] += np.cross(at, W[:, 3:])
-        return W
-
-    return in_body(total), in_body(reference), total.reshape(-1, 6)
+    axes = {"body": poses, "base": elastic.mechanism.base_pose, "world": np.eye(4)}
+    R = axes[measured.axes][..., :3, :3]
+    loads = measured.wrench.reshape(-1, 2, 3) @ np.swapaxes(R, -1, -2)
+    per_kilogram = np.append(np.zeros(3), field_of(elastic)) / elastic.units.newtons
+    weight, reference = (
+        np.multiply.outer(mass, per_kilogram) for mass in (measured.mass, measured.mass0)
+    )
+    return loads.reshape(-1, 6) + weight, reference
 
 
 def observe(

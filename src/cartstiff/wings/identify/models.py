@@ -33,12 +33,12 @@ from cartstiff.core.statics.equilibrium import in_stages
 from cartstiff.core.statics.newton import Solution, solve
 from cartstiff.core.statics.problem import System
 from cartstiff.core.statics.rest import motion_by_compliance
+from cartstiff.core.stiffness.applied_load import wrench_in_body
 from cartstiff.core.stiffness.compute import PostureStiffness, analyse
-from cartstiff.recorded.recording import analyse_many
+from cartstiff.kinematics.joint_poses import Kinematics, ManyPoses
 from cartstiff.wings.identify.measurements import (
     Measurements,
     Observations,
-    field_of,
     observe,
     wrenches,
 )
@@ -146,20 +146,12 @@ class Model:
     @cached_property
     def poses(self) -> Array:
         """``T_F_M`` (N, 4, 4) of the rigid mechanism."""
-        q, groups = self._distinct
-        if self._is_open:
-            return self._kinematics[0][groups]
-        return np.array([self._rest.mechanism.at(row).pose for row in q])[groups]
+        return self._kinematics.pose[self._distinct[1]]
 
     @cached_property
-    def _kinematics(self) -> tuple[Array, Array]:
-        """Poses and Jacobians of the distinct postures of an open chain."""
-        postures = analyse_many(
-            self._rest, self._distinct[0], outputs=("pose", "jacobian"), path="portable"
-        )
-        if not np.isfinite(postures["jacobian"]).all():
-            raise InputError("a posture has no Jacobian", got=str(postures.counts()))
-        return postures["pose"], postures["jacobian"]
+    def _kinematics(self) -> ManyPoses:
+        """Poses and Jacobians of the distinct postures."""
+        return Kinematics(self._rest.mechanism).at(self._distinct[0])
 
     @cached_property
     def observations(self) -> Observations:
@@ -172,11 +164,19 @@ class Model:
         return offsets_of(self.unknowns, self.observations, self.measured)
 
     @cached_property
+    def _inertial(self) -> tuple[Array, Array]:
+        """Loads along F (N, 6), and those of the reference."""
+        return wrenches(self.measured, self.unknowns.elastic, self.poses)
+
+    @cached_property
     def _loads(self) -> tuple[Array, Array, Array]:
         """Wrench (m, 6) of each number, whether the own weight adds to it (m,);
         all that acts.
         """
-        loaded, reference, _ = wrenches(self.measured, self.unknowns.elastic, self.poses)
+        loaded, reference = (
+            wrench_in_body(W, self.poses, self.measured.load_at, "world")
+            for W in self._inertial
+        )
         seen = self.observations
         W = loaded[seen.row] - np.where(
             seen.is_absolute[:, None], 0.0, reference[seen.row]
@@ -230,7 +230,7 @@ class Model:
             inverse = np.zeros_like(H)
             inverse[np.ix_(own, own)] = np.linalg.inv(H[np.ix_(own, own)])
             dH = rates(mechanism, posture)
-            for J, weight in zip(self._kinematics[1], self._weights, strict=True):
+            for J, weight in zip(self._kinematics.jacobian, self._weights, strict=True):
                 right = np.column_stack([J.T, weight])
                 yield Response(right, inverse @ right, dH)
             return
@@ -321,7 +321,7 @@ class Model:
         """
         seen, j = self.observations, self._rest.names.index(name)
         place = self._distinct[1][seen.row]
-        J, own = self._kinematics[1][place, :, j], self._weights[place, j]
+        J, own = self._kinematics.jacobian[place, :, j], self._weights[place, j]
         moved, (W, weighs, loaded) = (
             np.einsum("mi,mi->m", J, seen.functional),
             self._loads,
@@ -372,12 +372,10 @@ def _held(result: PostureStiffness) -> tuple[Array, Array, Array]:
     free = result.reduction.free
     inverse = None if free is None else free.inverse(result.change_by_load)
     if free is None or inverse is None:
-        states = result.reduction.states
+        if result.reduction.states:
+            raise result.reduction.undefined()
         words = "a motion costs nothing: no linear motion"
-        raise UndefinedError(
-            states[-1].message if states else words,
-            code=states[-1].code if states else "no-shares",
-        )
+        raise UndefinedError(words, code="no-shares")
     return free.basis, free.jacobian, inverse.matrix
 
 
@@ -423,14 +421,6 @@ class LoadedModel(Model):
         _, first = np.unique(groups, return_index=True)
         return first, groups
 
-    @cached_property
-    def _inertial(self) -> tuple[Array, Array]:
-        """Loads along F (N, 6), and the reference's forces along F (N, 3)."""
-        elastic = self.unknowns.elastic
-        _, _, inertial = wrenches(self.measured, elastic, self.poses)
-        weight0 = np.multiply.outer(self.measured.mass0, field_of(elastic))
-        return inertial, weight0 / elastic.units.newtons
-
     def at(self, theta: Array) -> tuple[Array, Array]:
         """Predictions (m,) and derivatives (m, P).
 
@@ -455,7 +445,7 @@ class LoadedModel(Model):
         differs = np.zeros(len(self.measured), bool)
         differs[seen.row[~seen.is_absolute]] = True
         references: dict[bytes, _State] = {}
-        inertial, weight0 = self._inertial
+        inertial, reference = self._inertial
         y, A = np.zeros(len(seen)), np.zeros((len(seen), len(theta)))
         # One equilibrium for rows with the same posture and load.
         for k, n in enumerate(first):
@@ -466,10 +456,9 @@ class LoadedModel(Model):
             rigid = _State(self.poses[n], np.zeros((6, len(theta))))
             before = rigid
             if differs[rows].any():
-                key = self.measured.q[n].tobytes() + weight0[n].tobytes()
+                key = self.measured.q[n].tobytes() + reference[n].tobytes()
                 if key not in references:
-                    still = np.append(np.zeros(3), weight0[n])
-                    references[key] = self._state(elastic, int(n), still, theta)
+                    references[key] = self._state(elastic, int(n), reference[n], theta)
                 before = references[key]
             for i in at:
                 start = rigid if seen.is_absolute[i] else before

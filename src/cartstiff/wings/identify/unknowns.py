@@ -17,6 +17,7 @@ from cartstiff.core.geometry import se3
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.identified import CompliancePattern, size_of_compliance
 from cartstiff.core.potentials.contract import BEAM, key_of_pair
+from cartstiff.kinematics.joint_poses import Kinematics
 from cartstiff.wings.identify.measurements import (
     POSITION,
     TURN,
@@ -212,7 +213,7 @@ def _expanded(elastic: ElasticMechanism, sought: Sequence[str]) -> list[str]:
     within = {n for members in links.values() for n in members}
     own = [n for n in elastic.compliances if _part_of(n) not in within]
     # Polynomials are sought by their own names only, and then all coefficients.
-    bent = [n for n in _polynomials(elastic) if n in own]
+    bent = [n for n in polynomials(elastic) if n in own]
     linear = [n for n in own if _part_of(n) not in bent and not n.endswith(BEAM)]
     lines = [n for n in linear if n.startswith("line") and n not in elastic.names]
     joints = [n for n in linear if n not in lines]
@@ -245,16 +246,16 @@ def _part_of(key: str) -> str:
     return key.partition(" x^")[0].partition("*")[0]
 
 
-def _polynomials(elastic: ElasticMechanism) -> list[str]:
-    """Joints with polynomial springs."""
+def polynomials(elastic: ElasticMechanism) -> dict[str, tuple[float, ...]]:
+    """Coefficients of the polynomial springs by joint."""
     laws = {} if elastic.springs is None else elastic.springs.laws
-    return [elastic.names[j] for j, law in laws.items() if law.powers]
+    return {elastic.names[j]: law.powers for j, law in laws.items() if law.powers}
 
 
 def _made(elastic: ElasticMechanism, word: str) -> list[Unknown]:
     """Parameters of one word: a spring, a polynomial spring, or a link."""
     own = elastic.compliances
-    if word in _polynomials(elastic):
+    if word in polynomials(elastic):
         if not 0.0 < own[word].value < np.inf:
             raise InputError(
                 "a polynomial spring that is sought needs a first coefficient",
@@ -282,7 +283,7 @@ def _unknown(elastic: ElasticMechanism, key: str) -> Unknown:
     if power:
         j = elastic.names.index(joint)
         unit = units.spring(elastic.mechanism.coordinates[j].is_length) + f"^{power}"
-    law = (joint, int(power or 1)) if joint in _polynomials(elastic) else None
+    law = (joint, int(power or 1)) if joint in polynomials(elastic) else None
     if key.endswith(BEAM):
         unit = "of the file's"
     return Unknown(
@@ -473,22 +474,22 @@ def _of_geometry(
     _, first, groups = np.unique(
         measured.postures, return_index=True, return_inverse=True
     )
-    postures = [elastic.mechanism.at(q) for q in measured.q[first]]
-    at = groups[seen.row]
+    kinematics, at = Kinematics(elastic.mechanism).at(measured.q[first]), groups[seen.row]
     columns = {}
     for word in unknowns.geometry:
         if word.endswith(ZERO):
             j = elastic.names.index(word.removesuffix(ZERO))
-            twists = np.array([p.motion.jacobian[:, j] for p in postures])[at]
+            twists = kinematics.jacobian[at, :, j]
             column = np.where(
                 absolute, np.einsum("mi,mi->m", seen.functional, twists), 0.0
             )
             # Of a point nearly on the axis it would be confused with the tool's place.
-            lever = numerics.NEGLIGIBLE_CHANGE * postures[0].length
+            length = elastic.mechanism.at(measured.q[0]).length
+            lever = numerics.NEGLIGIBLE_CHANGE * length
             columns[word] = column * (np.abs(column).max() > lever)
             continue
         if word == "tool":
-            axes = np.array([p.pose[:3, :3] for p in postures])[at]
+            axes = kinematics.pose[at, :3, :3]
             along = np.einsum(
                 "mij,mi->jm", axes, np.where(absolute[:, None], seen.axis, 0.0)
             )

@@ -23,7 +23,12 @@ from cartstiff.files.other_units import in_units
 from cartstiff.files.schema import PoseModel
 from cartstiff.files.yaml_file import read_yaml, with_scalars
 from cartstiff.wings.identify.identification import Identification, with_result
-from cartstiff.wings.identify.unknowns import ZERO, Unknowns, placement_of
+from cartstiff.wings.identify.unknowns import (
+    ZERO,
+    Unknowns,
+    placement_of,
+    polynomials,
+)
 
 _ROBOTS = (".urdf", ".xml", ".mjcf")
 
@@ -63,7 +68,7 @@ def mechanism_file(result: Identification, data: dict[str, Any], source: str) ->
         entry: dict[str, Any] = {"name": pattern.name, "value": value}
         ((key, _), *_) = pattern.keys
         joint, _, power = key.partition(" x^")
-        if joint in _bent(elastic):
+        if joint in polynomials(elastic):
             entry["polynomial"] = [joint, int(power or 1)]
         elif not pattern.is_share and (len(pattern.keys) > 1 or "*" in key):
             entry["elements"] = [
@@ -72,17 +77,7 @@ def mechanism_file(result: Identification, data: dict[str, Any], source: str) ->
                 for one, _, axis in [key.partition("*")]
             ]
         entries.append(entry)
-    about = {
-        "compliances": entries,
-        "covariance": identified.covariance.tolist(),
-        "degrees": identified.degrees,
-        "level": identified.level,
-        "rows": identified.rows,
-        "date": identified.date,
-        "source": identified.source,
-        "undetermined": list(identified.undetermined),
-        "at_least": dict(identified.at_least or {}),
-    }
+    about = identified.to_dict() | {"compliances": entries}
     needed = ("compliances", "covariance")
     data["identified"] = {
         k: v for k, v in about.items() if k in needed or v not in (None, [], {}, "")
@@ -227,7 +222,7 @@ def _put_equal_legs(legs: Any, elastic: ElasticMechanism) -> None:
         For springs that such an entry cannot hold: of other joints, unless all legs have
         the same, of links, and of several entries.
     """
-    found, bent = dict[str, list[float]](), _bent(elastic)
+    found, bent = dict[str, list[float]](), polynomials(elastic)
     for name in elastic.names:
         if name in elastic.compliances and name not in bent:
             own = 1.0 / elastic.compliances[name].value
@@ -303,7 +298,7 @@ def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) 
     ):  # of a published set: written joint by joint
         holder["springs"] = {}
     springs = holder.setdefault("springs", {})
-    bent = _bent(elastic)
+    bent = polynomials(elastic)
     for name, powers in bent.items():
         entry = springs.get(name.removeprefix(prefix))
         if isinstance(entry, dict):
@@ -327,12 +322,6 @@ def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) 
             springs[short] = {"stiffness": k}
     if not springs:
         del holder["springs"]
-
-
-def _bent(elastic: ElasticMechanism) -> dict[str, tuple[float, ...]]:
-    """Coefficients of the polynomial springs by joint."""
-    laws = {} if elastic.springs is None else elastic.springs.laws
-    return {elastic.names[j]: law.powers for j, law in laws.items() if law.powers}
 
 
 def _put_contact(holder: dict[str, Any], joint: str, stiffness: float) -> bool:

@@ -190,7 +190,7 @@ class CartesianGrid(Sampling):
         poses[:, :3, 3] = places
         q = np.full((len(places), self.branches, len(self.base)), np.nan)
         counts = np.zeros(len(places), int)
-        angle = np.array([not c.is_length for c in elastic.mechanism.coordinates])
+        angle = ~elastic.mechanism.is_length
 
         def away(postures: Array) -> Array:
             """Return the distance from the base posture, angles modulo whole turns."""

@@ -71,9 +71,8 @@ from cartstiff.recorded.quantities import (
     choose_quantities,
 )
 from cartstiff.recorded.recording import Recording, arrays_of_many
-from cartstiff.recorded.stacks import evaluate, needed_outputs
+from cartstiff.recorded.stacks import needed_outputs, quantities_of
 from cartstiff.recorded.strength import OF_STRENGTH, Drives
-from cartstiff.recorded.vibrations import ManyModes
 from cartstiff.wings.toolpaths.tool_path import ToolPath
 
 #: What is minimised: the worst cost (and after it the sum), or the sum alone.
@@ -749,8 +748,7 @@ class PathCost:
         asked = [QUANTITIES[name] for name in names]
         outputs = needed_outputs(asked, settings)
         found = self._arrays(outputs, q, wrenches)
-        lengths = np.array([c.is_length for c in self.elastic.mechanism.coordinates])
-        return evaluate(asked, found, settings, lengths, ManyModes(self.elastic, q))
+        return quantities_of(self.elastic, asked, settings, found, q, wrenches, "body")
 
     def _arrays(
         self, outputs: tuple[str, ...], q: Array, load: Array | None
@@ -769,28 +767,25 @@ class PathCost:
         outputs = needed_outputs([self.quantity], self._settings(0))
         outputs = tuple(dict.fromkeys((*outputs, "jacobian")))
         load = self.path.wrenches_in_body(points, poses) if self.loaded else None
-        acting = {"load_kind": self.load.kind, "load_at": self.load.at}
-        answers = self._arrays(outputs, q, load)
-        platform = self.elastic.mechanism
-        lengths = np.array([c.is_length for c in platform.coordinates])
-        if len(platform.points):  # the Jacobian's columns are the legs'
-            lengths = np.ones(len(platform.points), bool)
+        answers, mechanism = self._arrays(outputs, q, load), self.elastic.mechanism
         for point in np.unique(points):
             rows = points == point
-            arrays = {name: answers[name][rows] for name in outputs}
-            settings = self._settings(int(point))
-            swing = ManyModes(
-                self.elastic, q[rows], None if load is None else load[rows], acting
-            )
-            value[rows] = evaluate([self.quantity], arrays, settings, lengths, swing)[
-                self.quantity.name
-            ]
+            value[rows] = quantities_of(
+                self.elastic,
+                [self.quantity],
+                self._settings(int(point)),
+                {name: answers[name][rows] for name in outputs},
+                q[rows],
+                None if load is None else load[rows],
+                "body",
+            )[self.quantity.name]
         jacobian = answers["jacobian"]
-        if len(platform.points) not in (0, 6):  # no square one
-            lines = [
-                line_geometry(T, platform.anchors, platform.points).lines for T in poses
-            ]
-            jacobian = np.linalg.pinv(np.array(lines))
+        lengths, legs = mechanism.is_length, len(mechanism.points)
+        if legs:  # the Jacobian's columns are the legs'
+            lengths = np.ones(legs, bool)
+        if legs not in (0, 6):  # no square one
+            each = (line_geometry(T, mechanism.anchors, mechanism.points) for T in poses)
+            jacobian = np.linalg.pinv(np.array([of_legs.lines for of_legs in each]))
         ratio, side = self._regularity(jacobian, lengths)
         smaller = self.quantity.better == "smaller"
         with numerics.silent():
@@ -821,11 +816,7 @@ class PathCost:
             return np.full_like(q, np.nan)
         loads: Array | None = None
         if self.loaded:
-            poses = self.solver.kinematics.at(q).pose
-            given = self.path.wrenches_in_body(points, poses)
-            turns = np.eye(3) if self.path.turns_with_body else poses[:, :3, :3]
-            parts = given.reshape(-1, 2, 3) @ np.swapaxes(turns, -1, -2)
-            loads = parts.reshape(-1, 6)
+            loads = np.array([self.path.wrench(point) for point in points.tolist()])
         found = self.recorded.slopes(self.quantity.name, q, loads)
         if self.quantity.better == "smaller":
             return found["by_q"]
@@ -1009,7 +1000,7 @@ class OptimisedPath(LabelledResult):
         """Largest distance [rad] of a turning joint of the first posture from the
         mechanism's.
         """
-        turning = [not c.is_length for c in self.elastic.mechanism.coordinates]
+        turning = ~self.elastic.mechanism.is_length
         return float(np.abs(self.q[0] - self.elastic.q)[turning].max(initial=0.0))
 
     def summary(self) -> dict[str, Any]:
@@ -1705,10 +1696,7 @@ class _Search:
         """Largest distance (c,) of a turning joint from the start; zero without one."""
         if self.start is None:
             return np.zeros(len(layer.q))
-        turning = np.array(
-            [not c.is_length for c in self.cost.elastic.mechanism.coordinates]
-        )
-        turning &= self.solver.movable
+        turning = ~self.cost.elastic.mechanism.is_length & self.solver.movable
         away = layer.q - self.start
         away = np.where(periodic, away - 2 * np.pi * np.round(away / (2 * np.pi)), away)
         return np.asarray(np.abs(away[:, turning]).max(axis=1, initial=0.0))
