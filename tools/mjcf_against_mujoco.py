@@ -261,7 +261,7 @@ def verdict(path: Path, seed: int = 0) -> tuple[str, str]:
         if isinstance(error, ValueError) and "Error" not in str(error):
             return "broken", "".join(traceback.format_exception(error)[-3:])
         try:
-            mjcf.read_mjcf(path)
+            mjcf.read_mjcf(path, path.name)
         except CartstiffError as refusal:
             return "refused by both", str(refusal)
         return "accepted alone", str(error).replace("\n", " ")

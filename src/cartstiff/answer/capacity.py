@@ -234,7 +234,7 @@ def capacity(
 
 def capacity_at(
     result: PostureStiffness,
-    displacement: float | None = None,
+    displacement: float | None,
     tolerance: float = numerics.NEGLIGIBLE_DIFFERENCE,
 ) -> Capacity:
     """`capacity` at an analysed posture under its load.
@@ -266,9 +266,7 @@ def payload_at(result: PostureStiffness, held: HeldForces) -> float | None:
     return held.factor(np.append(np.zeros(3), weight))[0]
 
 
-def capacity_of_rest(
-    state: Equilibrium, tolerance: float = numerics.NEGLIGIBLE_DIFFERENCE
-) -> FirstLimit | None:
+def capacity_of_rest(state: Equilibrium, tolerance: float) -> FirstLimit | None:
     """How many times all loads of an equilibrium are held, put on together from the rest
     before them.
 

@@ -16,7 +16,6 @@ from cartstiff.core.checked_call import checked
 from cartstiff.core.errors import InputError, check_name, checked_kind
 from cartstiff.core.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.core.notes import Note
-from cartstiff.core.potentials.springs import Springs
 from cartstiff.core.statics.equilibrium import equilibrium
 from cartstiff.core.statics.rest import Equilibrium
 from cartstiff.core.stiffness.applied_load import Axes, checked_load
@@ -173,7 +172,7 @@ def analyse_commanded(
 def drives(elastic: ElasticMechanism) -> tuple[str, ...]:
     """Names of the drives: joints with a spring, or the legs of a platform on lines."""
     names, springs = elastic.spring_names, elastic.springs
-    undriven = set() if springs is None else _undriven(springs)
+    undriven = frozenset[int]() if springs is None else springs.undriven
     return tuple(n for j, n in enumerate(names) if j not in undriven)
 
 
@@ -206,10 +205,6 @@ def checked_command(
     if not steps:
         raise InputError("commands no drive", where="command", expected="name=value")
     return steps
-
-
-def _undriven(springs: Springs) -> set[int]:
-    return set(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
 
 
 def _driven(mechanism: Any, q: Array, steps: Mapping[int, float]) -> Array:

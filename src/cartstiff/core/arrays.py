@@ -347,12 +347,12 @@ def checked_vector(
 
 
 def checked_input(
-    values: ArrayLike, shape: Shape | list[Shape] | None, what: str, *, copy: bool = True
+    values: ArrayLike, shape: Shape | list[Shape] | None, what: str
 ) -> Array:
     """`checked_array` of coordinates, loads or stiffnesses,
     at most `LARGEST_INPUT` in size.
     """
-    array = checked_array(values, shape, what, copy=copy)
+    array = checked_array(values, shape, what)
     if array.size <= _FEW:
         is_large = max(map(abs, array.ravel().tolist()), default=0.0) > LARGEST_INPUT
     else:

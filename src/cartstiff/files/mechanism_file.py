@@ -225,7 +225,7 @@ def checked_file(
     data: dict[str, Any],
     lines: Lines,
     path: Path,
-    values: Mapping[str, Any] | None = None,
+    values: Mapping[str, Any] | None,
 ) -> tuple[Any, Parameters]:
     """Return the model of a file's data, and the values of its parameters.
 
@@ -233,7 +233,7 @@ def checked_file(
     ----------
     data, lines, path
         As read, with the line of each value; messages name the path.
-    values : mapping of str to float, optional
+    values : mapping of str to float or None
         Values of parameters that replace the file's.
 
     Raises

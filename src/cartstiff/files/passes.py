@@ -726,8 +726,7 @@ def free_joints(whole: Assembly) -> Assembly:
     Add a note where none has one and nothing else holds.
     """
     chain, springs = whole.chain, whole.springs
-    passive = frozenset(np.flatnonzero(springs.is_passive).tolist())
-    chain.undriven = passive - springs.rigid
+    chain.undriven = springs.undriven
     if whole.potentials or len(chain.undriven) < whole.tree.n:
         return whole
     words = (
@@ -747,8 +746,7 @@ def efforts(whole: Assembly) -> Assembly:
         For an entry of a joint that has no drive.
     """
     given, names = whole.named(lambda part: part.entry.effort), whole.tree.names
-    free = {*np.flatnonzero(whole.springs.is_passive).tolist()} - whole.springs.rigid
-    passive = {names[j] for j in free}
+    passive = {names[j] for j in whole.springs.undriven}
     for name in sorted(given.keys() & passive):
         where = whole.key("effort", name)
         raise InputError(f"joint {name!r} moves freely: it has no drive", where=where)
@@ -860,7 +858,7 @@ def gravity_left_out(file: Any, part: Part) -> list[Note]:
 
 
 def one_robot(
-    robot: RobotDescription, file: Any, name: str, notes: Sequence[Note] = (), **how: Any
+    robot: RobotDescription, file: Any, name: str, notes: Sequence[Note], **how: Any
 ) -> ElasticMechanism:
     """Build a serial arm or a closed chain from a robot that has been read.
 

@@ -188,9 +188,7 @@ def _folders(names: Sequence[str], beside: Path) -> tuple[Path, ...]:
     return tuple(folders.values())
 
 
-def described_text(
-    text: str, floating: bool = False, ros: Ros | None = None
-) -> RobotDescription:
+def described_text(text: str, floating: bool, ros: Ros) -> RobotDescription:
     """Read a robot description from XML text.
 
     Names of its meshes are relative to no file.

@@ -16,7 +16,7 @@ _NAME = re.compile(r"<name[^>]*>\s*([^<\s]+)\s*</name>")
 _OF_ROBOTS = ("urdf", "xacro", "meshes", "robots")
 
 
-def search_path(folders: Iterable[Path | str] = ()) -> list[str]:
+def search_path(folders: Iterable[Path | str]) -> list[str]:
     """These folders, then those of ROS_PACKAGE_PATH and of AMENT_PREFIX_PATH."""
 
     def named(variable: str) -> list[str]:
@@ -46,9 +46,7 @@ def own_folder(file: Path) -> Path:
     return next((p for p in parents if (p / "package.xml").is_file()), parents[0])
 
 
-def package_folders(
-    name: str, file: Path, searched: Iterable[str] = ()
-) -> Iterator[Path]:
+def package_folders(name: str, file: Path, searched: Iterable[str]) -> Iterator[Path]:
     """Find folders of a ROS package, the preferred one first.
 
     First comes the package that contains the file, then one in or below `searched`, in

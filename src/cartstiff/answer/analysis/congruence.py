@@ -77,8 +77,8 @@ def fit_diagonal(
     desired: ArrayLike,
     jacobian: ArrayLike,
     *,
-    load_term: ArrayLike | None = None,
-    length: float | None = None,
+    load_term: ArrayLike | None,
+    length: float | None,
 ) -> DiagonalFit:
     r"""Independent joint springs, none negative, closest to a desired K^B under load.
 

@@ -103,7 +103,7 @@ def as_symmetric(value: ArrayLike, what: str = "stiffness") -> Array:
 
 
 def symmetric_pair(
-    stiffness: ArrayLike, compliance: ArrayLike | None = None
+    stiffness: ArrayLike, compliance: ArrayLike | None
 ) -> tuple[Array, Array | None]:
     """Stiffness and, where it is known, its inverse, checked as by `as_symmetric`."""
     known = None if compliance is None else as_symmetric(compliance, "compliance")

@@ -47,7 +47,7 @@ _MAX_LEFT_OUT = 400
 
 
 def answer_of_modes(
-    modes: Modes, unloaded: Modes | None = None, more: Iterable[Table] = ()
+    modes: Modes, unloaded: Modes | None, more: Iterable[Table] = ()
 ) -> Answer:
     """Frequencies with their load, shapes and nodal axes.
 
@@ -55,7 +55,7 @@ def answer_of_modes(
     ----------
     modes : Modes
         Modes under the load.
-    unloaded : Modes, optional
+    unloaded : Modes or None
         Modes without the load, for comparison.
     more : iterable of Table
         What was asked beside them.

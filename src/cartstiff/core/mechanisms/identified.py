@@ -15,7 +15,7 @@ from cartstiff.core.errors import InputError
 from cartstiff.core.potentials.contract import BEAM, Number
 
 
-def quantile(level: float, degrees: float = np.inf) -> float:
+def quantile(level: float, degrees: float) -> float:
     """Two-sided quantile of Student's t; of the normal distribution for infinite degrees.
 
     Half the width of an interval over the standard deviation.

@@ -133,6 +133,11 @@ class Springs(Potential):
         return np.zeros(len(self.stiffness), bool)
 
     @property
+    def undriven(self) -> frozenset[int]:
+        """Numbers of those that are no springs, nor rigid."""
+        return frozenset(np.flatnonzero(self.is_passive).tolist()) - self.rigid
+
+    @property
     def cables(self) -> Array:
         """Which of them cannot push (m,)."""
         return np.full(self.stiffness.shape, self.unilateral)

@@ -133,8 +133,8 @@ def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
     return data
 
 
-def read_mjcf(path: Path, where: str | None = None) -> RobotDescription:
-    """Read an MJCF file.
+def read_mjcf(path: Path, where: str) -> RobotDescription:
+    """Read an MJCF file, of which messages say `where` it is.
 
     The coordinate of a hinge or slide is MuJoCo's own position. The coordinates of a free
     body are the position of its origin in F and three successive turns x, y, z from its
@@ -147,7 +147,6 @@ def read_mjcf(path: Path, where: str | None = None) -> RobotDescription:
     MissingDependencyError
         Without the package mujoco.
     """
-    where = where or one_line(str(path))
     return _Compiled(compile_mjcf(path, where), where).description(path)
 
 

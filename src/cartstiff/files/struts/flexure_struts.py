@@ -476,7 +476,7 @@ class FlexureStruts(LineSprings):
             return self.solve(T_a_b, rest)
         return self._bearing_by(T_a_b, rest, gradients, free)
 
-    def start_rest(self, T_a_b: Array, every: bool = False) -> tuple[Array, Array]:
+    def start_rest(self, T_a_b: Array, every: bool) -> tuple[Array, Array]:
         """Rest lengths (N, m) at poses, and the struts (m,) of which they are
         to be chosen.
 

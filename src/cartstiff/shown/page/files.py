@@ -92,7 +92,7 @@ def page_script(main: str = _MAIN) -> str:
     return "\n".join(done.values())
 
 
-def page_document(packed: bytes, title: str, more: str = "") -> str:
+def page_document(packed: bytes, title: str, more: str) -> str:
     """The page as one file: data that the script unpacks,
     and `more` script behind the viewer's.
 

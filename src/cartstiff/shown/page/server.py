@@ -74,7 +74,7 @@ _DOOR_POLICY = (
 )
 
 
-def is_local_name(host_header: str, names: tuple[str, ...] = ()) -> bool:
+def is_local_name(host_header: str, names: tuple[str, ...]) -> bool:
     """Whether a Host header is an address, "localhost", or one of `names`.
 
     A web page elsewhere can make a browser call this server under a name of its own; it
@@ -249,7 +249,7 @@ class TabSocket(Guarded, WebSocketHandler):
         """Begin to answer; a tab too many is refused with words."""
         self.set_nodelay(True)
         asked = self.get_query_argument("mechanism", "0")
-        known = [str(k) for k in range(1 + len(self._page.beside))]
+        known = [str(k) for k in range(len(self._page.sources))]
         if asked not in known:
             self.close(1008, "no such mechanism")
             return
@@ -340,12 +340,12 @@ class TabSocket(Guarded, WebSocketHandler):
         """Answer until the socket closes: what is quick first, slices of what is long."""
         try:
             await asyncio.shield(self._page.prepared)
-            source = self._page.source_of(self.number)
-            names = [one.elastic.name for one in (self._page.source, *self._page.beside)]
+            sources = self._page.sources
+            names = [one.elastic.name for one in sources]
             facts: dict[str, Any] = {"mechanisms": names, "number": self.number}
             if self._page.guides:
                 facts["guides"] = self._page.guides
-            self._session = Session(source, self._page.picture, facts)
+            self._session = Session(sources[self.number], self._page.picture, facts)
             await self._send(self._session.hello(with_numbers=True))
             self._record_later()
             if self._session.drawn is not None:
@@ -675,13 +675,14 @@ class PageServer:
         """Read the meshes of a picture, and import what that takes,
         before anybody asks.
         """
-        for source in (self.source, *self.beside):
+        for source in self.sources:
             with suppress(Exception):  # the tab that asks gets the reason
                 Session(source, self.picture).hello()
 
-    def source_of(self, number: int) -> Source:
-        """The mechanism of that number: 0 is the first."""
-        return (self.source, *self.beside)[number]
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """The mechanisms by their numbers."""
+        return self.source, *self.beside
 
     def go_to(self, q: list[float]) -> None:
         """Take every tab to a posture, those that are opened later too."""

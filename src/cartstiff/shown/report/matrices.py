@@ -44,7 +44,7 @@ def matrices_of(
     result: PostureStiffness,
     digits: int,
     *,
-    only: str | None = None,
+    only: str | None,
     at_rest: bool = False,
 ) -> Iterator[ShownMatrix]:
     """The distinct stiffness matrices along the axes of M; without one that along the
@@ -56,7 +56,7 @@ def matrices_of(
         The posture.
     digits : int
         Significant digits of the entries.
-    only : str, optional
+    only : str or None
         Letter of the one matrix that is wanted.
     at_rest : bool
         Whether the stiffness includes the loads, so that K^load is no other matrix.

@@ -20,9 +20,7 @@ from cartstiff.core.potentials.contract import Potential
 _FREE = (".x", ".y", ".z", ".rx", ".ry", ".rz")
 
 
-def links_of(
-    chain: Chain, lines: Sequence[Potential] = ()
-) -> Iterator[tuple[int, Array]]:
+def links_of(chain: Chain, lines: Sequence[Potential]) -> Iterator[tuple[int, Array]]:
     """Yield the joint that each link is fixed to, and the link's points (n, 3)
     in its frame.
 

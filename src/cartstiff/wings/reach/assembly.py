@@ -57,7 +57,7 @@ def closed_from(
     q: Array,
     starts: int,
     seed: int,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] | None,
 ) -> tuple[list[Array], list[Array]]:
     """Close a chain from random starts; return distinct coordinates (n,) and places
     of the joints.

@@ -1126,7 +1126,7 @@ def nearest_singular(
     length: float,
     reach: float,
     axes: Sequence[int],
-    rays: int = 200,
+    rays: int,
 ) -> Array | None:
     """The shortest x (6,) found, in the module's metric, at which a determinant vanishes.
 

@@ -14,7 +14,7 @@ from cartstiff.wings.maps.designs.run import Design, Designs
 _MAX_REASONS = 5
 
 
-def answer_of_designs(designs: Designs, best: int = 10) -> Answer:
+def answer_of_designs(designs: Designs, best: int) -> Answer:
     """The measures, the designs of the front, at most `best`, and why others fail."""
     study, counts = designs.study, designs.counts()
     facts = {"designs": len(designs), "method": study.method.kind}
