@@ -251,6 +251,15 @@ def test_gradients_are_those_of_differences_of_whole_designs(of):
     assert evaluate.gradient(some) == evaluate.gradient(some | {"a": file_a})
 
 
+def test_gradients_of_quantities_whose_case_has_settings_of_others():
+    objectives = {name: {"quantity": name} for name in ("along_held", "translation_held_min")}
+    cases = {"one": {"direction": [0, 0, 1], "length": 0.3}}
+    both = evaluator(study(cases=cases, objectives=objectives)).gradient({"sz": 0.3})
+    # Of six such legs k sz^2 each along z, and half of the rest across it.
+    assert both["along_held"]["sz"] == pytest.approx(12e6 * 0.3, rel=1e-6)
+    assert both["translation_held_min"]["sz"] == pytest.approx(12e6 * 0.3, rel=1e-6)
+
+
 def test_low_discrepancy_points_fill_the_ranges():
     ranges = {"sz": {"low": 0.1, "high": 0.9}, "a": {"low": 0.01, "high": 1.0, "log": True}}
     for kind in ("sobol", "latin-hypercube"):

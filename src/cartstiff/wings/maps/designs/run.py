@@ -277,7 +277,10 @@ class StudyEvaluator:
         if measure.quantity is None:
             value = measure.arithmetic(name).value
             return jacobian(lambda change: value(there(change).parameters), sizes)
-        case, asked = self.study.case(self.study.case_of(measure)), [measure.quantity]
+        asked = [measure.quantity]
+        case = self.study.case(self.study.case_of(measure)).alone(
+            quantity_named(measure.quantity).asks
+        )
 
         def at(change: Array, pose: int) -> AtPose:
             return AtPose(self._job(there(change), case, asked), pose)

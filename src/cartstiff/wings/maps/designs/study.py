@@ -179,6 +179,15 @@ class Case(FileModel):
         at = ", ".join(f"{x:g}" for x in self.load_at)
         return f"{self.load_kind}, ({W}) along the axes of the {self.load_axes} at ({at})"
 
+    def alone(self, asks: str | None) -> Case:
+        """The case without the settings that only other quantities ask for."""
+        other = {"direction", "deflect", "damping"} - {asks}
+        if asks != "deflect":
+            other.add("deflect_at")
+        if asks not in ("direction", "deflect"):
+            other.add("world")
+        return self.model_copy(update={n: Case().model_dump()[n] for n in other})
+
     def keywords(self) -> dict[str, Any]:
         """Arguments of `cartstiff.wings.maps.run.map_job`."""
         return self.model_dump()
