@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from cartstiff.answer.analysis.screws import Screw
-from cartstiff.core.arrays import Array
 from cartstiff.core.errors import InputError, UnknownNameError
 from cartstiff.core.geometry import se3
 from cartstiff.core.matrix_names import LETTERS
@@ -151,12 +150,3 @@ _STATES = {
     "strut-not-found",
     "kf-undefined",
 }
-
-
-def load_at(result: PostureStiffness, look: Appearance) -> Array | None:
-    """The load (moment, force) about the reference point.
-
-    None in an unbalanced posture.
-    """
-    W = reference(result, look).wrench
-    return None if W is None else result.shown_wrench(W)

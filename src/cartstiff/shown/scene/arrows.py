@@ -113,7 +113,7 @@ class WrenchPicture:
         self._moment.make()
 
     def draw(
-        self, wrench: Array, T: Array, force: str, moment: str, labels: bool = True
+        self, wrench: Array, T: Array, force: str, moment: str, labels: bool
     ) -> dict[str, Any]:
         """Show (moment, force) in the axes of a frame with pose T, at its origin."""
         # Forces that are rounding beside the moment over the size are not shown as
@@ -126,9 +126,14 @@ class WrenchPicture:
                 R @ wrench[:3], p, moment, by_moment.length, labels
             ),
             "units": {"force": force, "moment": moment},
-            "scale": {"force": by_force.legend(), "moment": by_moment.legend()},
+            "scale": self.legend(),
             "wrench": wrench.tolist(),
         }
+
+    def legend(self) -> dict[str, Any]:
+        """Scales of force and moment."""
+        force, moment = self._scales
+        return {"force": force.legend(), "moment": moment.legend()}
 
     def hide(self) -> None:
         """Show nothing."""

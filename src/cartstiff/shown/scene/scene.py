@@ -28,7 +28,6 @@ from cartstiff.core.stiffness.posture import StiffnessInFrame
 from cartstiff.shown.scene import theme
 from cartstiff.shown.scene.appearance import (
     Appearance,
-    load_at,
     reference,
     why_missing,
 )
@@ -128,11 +127,11 @@ class Scene:
         if look.theme != self._theme:
             self._ghost_at = None  # will be drawn anew
         ghost = self._ghost_posture(look)
-        added = self._added(result, look)
+        here = reference(result, look)
+        added = self._added(look, here)
         if look.theme != self._theme:
             self._build(look.theme)
-        notes = list(self.notes)
-        reason, here = why_missing(result, look), reference(result, look)
+        notes, reason = list(self.notes), why_missing(result, look)
         tension = self._mechanism.draw(result)
         self._move_ghost(ghost, look, notes)
         self._move_rest(look)
@@ -147,8 +146,8 @@ class Scene:
             "quantity": look.quantity,
             "others": look.others,
             "ellipsoids": {f: self._ellipsoid(f, look, here, reason) for f in _FREEDOMS},
-            "wrench": (wrench := self._wrench(result, look, here.pose)),
-            "deflection": self._deflection(result, look, added, here.pose, wrench),
+            "wrench": (wrench := self._wrench(result, look, here)),
+            "deflection": self._deflection(result, look, added, here, wrench),
             "centres": self._centres(look, here, reason),
             "nodal": self._nodal(result, look),
             "held_forces": self._held(result, look),
@@ -251,13 +250,7 @@ class Scene:
             **self._environment.facts(),
             "radius": _RADIUS * size,
             "around": [p for each in self._around.values() for p in each.tolist()],
-            "arrows": dict(
-                zip(
-                    ("force", "moment"),
-                    [s.legend() for s in self._arrow_scales()],
-                    strict=True,
-                )
-            ),
+            "arrows": self._wrenches.legend(),
             "size": size,
             "enlarged": [SHOWN, TURN, MOST_SHOWN, MOST_TURN],
             "thin": THIN * size,
@@ -417,21 +410,20 @@ class Scene:
         return (units.stiffness if quantity == "stiffness" else units.compliance)[freedom]
 
     def _wrench(
-        self, result: PostureStiffness, look: Appearance, T: Array
+        self, result: PostureStiffness, look: Appearance, here: StiffnessInFrame
     ) -> dict[str, Any] | None:
-        W = load_at(result, look)
-        if not look.wrench or W is None:
+        if not look.wrench or here.wrench is None:
             self._wrenches.hide()
             return None
-        force, moment = self._elastic.units.force, self._elastic.units.moment
-        return self._wrenches.draw(W, T, force, moment, look.labels)
+        W, units = result.shown_wrench(here.wrench), self._elastic.units
+        return self._wrenches.draw(W, here.pose, units.force, units.moment, look.labels)
 
-    def _added(self, result: PostureStiffness, look: Appearance) -> Array | None:
+    def _added(self, look: Appearance, here: StiffnessInFrame) -> Array | None:
         """The wrench whose deflection is drawn, about the reference point."""
         if not look.deflection:
             return None
         if look.added is None:
-            return reference(result, look).wrench
+            return here.wrench
         added = checked_vector(look.added, 6, "added wrench")
         if look.added_at is None:
             return added
@@ -443,13 +435,13 @@ class Scene:
         result: PostureStiffness,
         look: Appearance,
         added: Array | None,
-        T: Array,
+        here: StiffnessInFrame,
         wrench: dict[str, Any] | None,
     ) -> dict[str, Any] | None:
         if not look.deflection:
             self._deflections.hide()
             return None
-        C = reference(result, look).compliances[look.connection]
+        C, T = here.compliances[look.connection], here.pose
         if C is None or added is None:
             self._deflections.hide()
             return {"shown": False, "reason": "no compliance or no load exists here"}
