@@ -119,7 +119,7 @@ class _Search:
         """Postures (k, m, n) within the limits, by share and distance."""
         every, sizes, q = self.chain.coordinates, self.at.coordinate_lengths, self.q
         lower, upper = np.array([(c.lower, c.upper) for c in every]).T
-        lengths = np.array([c.is_length for c in every])
+        lengths = self.chain.is_length
         reach = np.where(lengths, sizes, np.pi)
         low, high = np.maximum(lower, q - reach), np.minimum(upper, q + reach)
         u = _sequence(q.size)

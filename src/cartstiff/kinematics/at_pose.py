@@ -177,9 +177,7 @@ def _stepped(leg: Leg, starts: Array, target: Array) -> tuple[Array, NDArray[np.
     """
     own, good = leg.solver.solve(target, starts, leg.free)
     # Beyond a limit, as where a strut passes through its base, there may be one within.
-    within = leg.solver.narrowed(
-        {c.name: (c.lower, c.upper) for c in leg.chain.coordinates}
-    )
+    within = leg.solver.narrowed(leg.chain.bounds)
     beyond = np.flatnonzero((own != np.clip(own, within.lower, within.upper)).any(axis=1))
     again, found = within.solve(target[beyond], starts[beyond], leg.free)
     own[beyond[found]] = again[found]

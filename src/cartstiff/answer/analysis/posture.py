@@ -200,7 +200,7 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
     from cartstiff.answer.analysis.deflection import joint_shares
 
     posture = r.posture
-    coordinates = r.mechanism.coordinates
+    mechanism = r.mechanism
     if posture.closure is None and not posture.coordinates_are_pose:
         J = posture.motion.jacobian
         W = np.zeros(6) if r.wrench is None else r.wrench
@@ -211,9 +211,9 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         shares = joint_shares(J, H, whole.wrench, whole.point)
         part = shares.share if whole.displacement.any() else np.full(len(H), np.nan)
         columns: dict[str, Iterable[Any]] = {
-            "name": [c.name for c in coordinates],
+            "name": mechanism.names,
             "motion": shares.motion,
-            "is_length": [c.is_length for c in coordinates],
+            "is_length": mechanism.is_length.tolist(),
             "twist": shares.twists.T,
             "displacement": shares.displacements.T,
             "energy": shares.energy,

@@ -334,7 +334,7 @@ class SemitangentialWrench(Load):
         # Phi = -tr(B R) with B fixed in F: along w it changes by -tr(B R [w]x).
         B = 0.5 * se3.skew(self.rotation.T @ self.wrench[:3]).T @ self.rotation.T
         G = B @ T_F_b[:3, :3]
-        alpha[:3] -= np.array([G[1, 2] - G[2, 1], G[2, 0] - G[0, 2], G[0, 1] - G[1, 0]])
+        alpha[:3] += 2.0 * se3.unskew(G)
         # K[i, j] = -tr(G [w_j]x [w_i]x), and tr(G [a]x [b]x) = a.G b - tr(G) a.b
         rate[:3, :3] -= G.T - np.trace(G) * np.eye(3)
         return energy - float(np.trace(G)), alpha, rate
