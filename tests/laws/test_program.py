@@ -694,6 +694,8 @@ def test_quantities_take_settings_and_label_their_data(tmp_path):
     refused("no source: connection_change", program.source, "c")
     refused("no quantity is among the outputs", cartstiff.record, arm, "B", length=0.3)
     refused("no quantity needs it", cartstiff.record, arm, "condition", direction=[1.0, 0.0, 0.0])
+    for setting in ({"length": 0.3}, {"connection": "K"}):
+        refused("no quantity needs it", cartstiff.record, arm, "force", **setting)
     refused("needs a direction", cartstiff.record, arm, "along_free")
     refused("along_free", cartstiff.record, arm, "along_fre", kind=UnknownNameError)
     copy = pickle.loads(pickle.dumps(cartstiff.record(arm, "condition")))

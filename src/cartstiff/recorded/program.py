@@ -715,6 +715,13 @@ def _with_quantities(
     settings = replace(settings, load=load, is_loaded=loaded)
     chosen = choose_quantities(names, settings, elastic)
     check_used(settings, chosen)
+    K, B = (replace(settings, connection=name) for name in "KB")
+    for name, acts in (
+        ("connection", any(q.outputs(K) != q.outputs(B) for q in chosen)),
+        ("length", any(q.asks == "length" for q in chosen)),
+    ):
+        if name in given and not acts:
+            raise InputError("is given, and no quantity needs it", where=name)
     return replace(own, quantities=tuple(names), settings=settings)
 
 
