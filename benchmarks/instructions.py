@@ -20,7 +20,7 @@ import cartstiff
 from cartstiff.recorded.execution import lanes
 from cartstiff.recorded.plans import plan, program_for
 from cartstiff.recorded.tape import Program
-from cartstiff.recorded.vector_code import LONGEST, vector_code
+from cartstiff.recorded.vector_code import vector_code
 
 OUTPUTS = ("jacobian", "wrench", *(f"stiffness_{c}" for c in "ABKF"))
 REST = [0.1, -0.7, 0.9, 0.2, 0.4, -0.3]
@@ -40,7 +40,7 @@ def counted(program: Program, width: int, processor: str, features: str) -> Coun
     """Instructions of every kind in the code for vectors of `width` numbers."""
     target = llvm.Target.from_default_triple()
     machine = target.create_target_machine(cpu=processor, features=features, opt=2)
-    module = llvm.parse_assembly(vector_code(program, width, True, LONGEST))
+    module = llvm.parse_assembly(vector_code(program, width, True))
     module.triple = llvm.get_process_triple()
     found: Counter[str] = Counter()
     for line in machine.emit_assembly(module).splitlines():
@@ -58,7 +58,7 @@ def main(processors: list[str]) -> None:
     """Print a row per processor and length of vectors."""
     lanes()  # readies LLVM
     elastic = cartstiff.load("ur5").with_springs(rest=np.array(REST))
-    chosen = plan(elastic, "none")
+    chosen = plan(elastic)
     if isinstance(chosen, str):
         raise SystemExit(chosen)
     program = program_for(chosen.case, OUTPUTS)

@@ -259,7 +259,7 @@ def grow_with_joints(quick: bool, rounds: int) -> None:
             spent = [once(path, rows, out)[0] / len(rows) for _ in range(rounds)]
             times[path] = statistics.median(spent) * 1e6
         order = tuple(o for o in ("jacobian", "wrench", *OUTPUTS[2:]) if o in outputs)
-        size = program_for(plan(elastic, "shared").case, order).size
+        size = program_for(plan(elastic, True).case, order).size
         print(
             f"| {joints} | {size} | {making:.2f} | {times['compiled']:.3g} "
             f"| {times['portable']:.3g} | {times['engine']:.3g} |"
@@ -365,7 +365,7 @@ def main() -> None:
     differs = compare(found, rng.uniform(-2, 2, (LOOP_POSTURES, 6)))
     machine = Machine()
     sizes = (10_000,) if options.quick else (10_000, 100_000)
-    case = plan(elastic, "none").case
+    case = plan(elastic).case
     flops = program_for(case, OUTPUTS).size
     for count in sizes:
         print(f"### UR5, {count} postures\n")

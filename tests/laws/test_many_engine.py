@@ -291,6 +291,17 @@ def test_bounds_choose_tensions_without_the_engine(lengths, load):
         assert found.is_regular.sum() > 3
 
 
+def test_bounds_choose_tensions_beside_a_potential_evaluated_in_chunks():
+    robot = cartstiff.load("cable-robot")
+    pushed = robot.with_potential(JointFunction(lambda q: 3.0 * float(q[2])))
+    q = robot.q + np.random.default_rng(8).uniform(-0.6, 0.6, (12, 6)) * np.repeat([1.0, 0.5], 3)
+    how = {"wrench": [0, 0, 0, 0, 0, -3.0], "outputs": ["tensions"], "path": "portable"}
+    at_once, parts = analyse_many(pushed, q, **how), analyse_many(pushed, q, chunk=5, **how)
+    assert parts.fallback == 0
+    assert parts.is_regular.sum() > 3
+    np.testing.assert_array_equal(parts["tensions"], at_once["tensions"])
+
+
 def test_other_potentials():
     """In the arithmetic (dead forces, coupled springs), and evaluated posture by posture."""
     elastic = arm("RRRRRR", rest=True)

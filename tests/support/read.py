@@ -87,7 +87,8 @@ def of_many(
     many = analyse_many(elastic, q, wrench=wrench, outputs=sorted(needed), **acting)
     kinds = elastic.mechanism.coordinates
     lengths = np.array([c.is_length or isinstance(elastic.mechanism, Platform) for c in kinds])
-    swing = ManyModes(elastic, many.q, None if wrench is None else np.array(wrench), acting)
+    given = None if wrench is None else np.array(wrench)
+    swing = ManyModes(elastic, many.q, given, settings.load, axes)
     return evaluate(chosen, many.arrays, settings, lengths, swing), many
 
 

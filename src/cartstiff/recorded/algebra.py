@@ -556,7 +556,7 @@ def off_edge(length: Scalar, stretch: Scalar) -> Scalar:
 
 def given_wrench(tape: Tape, case: Any, pose: Callable[[], Array]) -> Array | None:
     """The given wrench about M's origin in the axes of M; None without one."""
-    if case.wrench == "none":
+    if not case.is_loaded:
         return None
     W, load = tape.vector("wrench", 6), acting(tape, case)
     turn = pose() if case.axes == "world" else np.eye(4)
@@ -662,11 +662,8 @@ def changed_compliance(
     return C @ back, limited(condition, most**2)
 
 
-def shared_inputs(wrench: str) -> list[str]:
-    """Names of inputs with one row for all postures.
-
-    `wrench` is "none", "shared" or "each".
-    """
-    own = ["stiffness", "rest", "preload", "least", "most", "forces", "weight", "lines"]
-    own += ["anchors", "points", "length", *CASE_INPUTS]
-    return own + (["wrench"] if wrench == "shared" else [])
+#: Names of inputs with one row for all postures.
+SHARED = (
+    *("stiffness", "rest", "preload", "least", "most", "forces", "weight", "lines"),
+    *("anchors", "points", "length", *CASE_INPUTS),
+)

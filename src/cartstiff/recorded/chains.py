@@ -434,6 +434,8 @@ def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
     return M
 
 
+#: Coordinates that a spring couples, and its matrix, flat.
+LinkSpring = tuple[tuple[int, ...], tuple[float, ...]]
 #: Characteristic length, as a share of the chain's size, below which all axes meet in a
 #: point and `cartstiff.analyse` must choose the length.
 _LEAST_LENGTH_SHARE = numerics.NEGLIGIBLE_DISTANCE
@@ -447,8 +449,8 @@ class ChainCase:
     Attributes
     ----------
     constants : TreeConstants
-    wrench : {"none", "shared", "each"}
-        Whether a wrench is given: one for all postures, or one for each.
+    is_loaded : bool
+        Whether a wrench is given for each posture.
     springs : tuple of int
         Coordinates with a spring of their own.
     chosen : tuple of int
@@ -503,14 +505,14 @@ class ChainCase:
     """
 
     constants: TreeConstants
-    wrench: str = "none"
+    is_loaded: bool = False
     springs: tuple[int, ...] = ()
     chosen: tuple[int, ...] = ()
     is_balancing: bool = False
     fields: tuple[ForceField, ...] = ()
     stretched: tuple[Line, ...] = ()
-    coupled: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
-    still: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
+    coupled: tuple[LinkSpring, ...] = ()
+    still: tuple[LinkSpring, ...] = ()
     derivatives: bool = False
     segments: tuple[tuple[int, ...], ...] = ()
     settled: tuple[int, ...] = ()
@@ -851,12 +853,14 @@ class ChainNumbers(Judged):
         A = solution(J * scale, kinematics.adjoint() * scale)
         # A characteristic length that is small beside that makes C less accurate than M.
         limit = self.area * (JACOBIAN_CONDITION / max(length, kinematics.reach)) ** 2
-        condition = self.condition(
-            (self.J * self.columns).T, (A / self.columns[:, None]).T
-        )
-        self.require(limited(condition, limit))
-        self.squared_condition = condition
+        self.require_condition(A, limit)
         return A
+
+    def require_condition(self, A: Array, limit: Scalar) -> None:
+        """Set `squared_condition` from J^-1, which has to be below a limit."""
+        pair = (self.J * self.columns).T, (A / self.columns[:, None]).T
+        self.squared_condition = self.condition(*pair)
+        self.require(limited(self.squared_condition, limit))
 
     def condition(self, forward: Array, backward: Array) -> Scalar:
         """Bound on the squared condition number of the scaled Jacobian.
@@ -990,8 +994,7 @@ def _redundant(chain: ChainNumbers) -> tuple[Array, Array]:
 def _through_compliance(chain: ChainNumbers) -> tuple[Array, Array]:
     """The known W and K^B, the inverse of the compliance, of more than six motions."""
     W = chain.load()
-    if W is None:
-        raise ValueError("the wrench of more than six motions is not known beforehand")
+    assert W is not None  # else it has no plan
     C, verdict = _softness(chain, chain.lagrangian(W))
     K, condition = scaled_inverse(C, 1.0 / chain.length)
     verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
@@ -1027,39 +1030,28 @@ def _compliances(
     return the verdict.
     """
     names = [name for name in OF_MANY if f"compliance_{name}" in wanted]
-    verdict: Scalar = PLAIN
+    doubt: Scalar = PLAIN
     if not names:
-        return verdict
-    unloaded = vanishes(W)
+        return doubt
     # Six coordinates have no self-motion that an indefinite Hessian could make unstable.
     signed = chain.n == 6 and not (chain.case.is_closed or chain.case.singular)
-    H = chain.hessian if unloaded else chain.lagrangian(W)
-    C, verdict = _softness(chain, H, signed)
-    for name in names:
-        if name == "F":
-            if not chain.has_chart:
-                continue
-            C_F, doubt = (
-                (C, PLAIN) if unloaded else _softness(chain, chain.hessian, signed)
-            )
-            arrays["compliance_F"], verdict = C_F, larger(verdict, doubt)
-        elif name == "B" or unloaded:
-            arrays[f"compliance_{name}"] = C
-        else:
-            D = connections(zeros(6, 6), W, chain.acting)[name]
-            arrays[f"compliance_{name}"], doubt = changed_compliance(
+    C, verdict = _softness(chain, chain.lagrangian(W), signed)
+    if "F" in names and chain.has_chart:
+        arrays["compliance_F"] = C
+        if not vanishes(W):
+            arrays["compliance_F"], doubt = _softness(chain, chain.hessian, signed)
+            verdict = larger(verdict, doubt)
+    changes = connections(zeros(6, 6), W, chain.acting)
+    needed = {f"compliance_{name}": changes[name] for name in names if name != "F"}
+    if SYMMETRIC in wanted:
+        needed[SYMMETRIC] = (changes["load"] + changes["load"].T) * 0.5
+    for output, D in needed.items():
+        arrays[output] = C
+        if not vanishes(D):
+            arrays[output], doubt = changed_compliance(
                 C, D, chain.length, numerics.LARGEST_CHANGE_CONDITION
             )
             verdict = larger(verdict, doubt)
-    if SYMMETRIC in wanted:
-        D = chain.case.load.change(W)
-        if unloaded:
-            arrays[SYMMETRIC], doubt = (C, PLAIN)
-        else:
-            arrays[SYMMETRIC], doubt = changed_compliance(
-                C, (D + D.T) * 0.5, chain.length, numerics.LARGEST_CHANGE_CONDITION
-            )
-        verdict = larger(verdict, doubt)
     return verdict
 
 
@@ -1164,15 +1156,14 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
         W = _deficient(chain)
     elif chain.n == 6:
         W, K_B, K_F = _six(chain)
-        stiffness = {**connections(K_B, W, chain.acting), "F": K_F}
     elif chain.case.is_closed or chain.case.settled:
         W, K_B = _through_compliance(chain)
-        stiffness = connections(K_B, W, chain.acting)
     else:
         W, K_B = _redundant(chain)
+    if chain.n >= 6:
         stiffness = connections(K_B, W, chain.acting)
-    if not chain.has_chart:
-        stiffness.pop("F", None)
+        if chain.has_chart:
+            stiffness["F"] = K_F
     arrays["wrench"] = W
     arrays.update({f"stiffness_{name}": K for name, K in stiffness.items()})
     if "frames" in wanted:

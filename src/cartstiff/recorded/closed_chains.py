@@ -86,7 +86,13 @@ from cartstiff.recorded.algebra import (
     vanishes,
     zeros,
 )
-from cartstiff.recorded.chains import ChainCase, ChainNumbers, arrays_of, curvature_of
+from cartstiff.recorded.chains import (
+    ChainCase,
+    ChainNumbers,
+    LinkSpring,
+    arrays_of,
+    curvature_of,
+)
 from cartstiff.recorded.tape import (
     Arrays,
     Scalar,
@@ -257,11 +263,7 @@ class ClosedChainNumbers(ChainNumbers):
         """J^-1 of six motions; adds the verdict on it."""
         scale = np.repeat([1.0, 1.0 / self.case.length], 3)
         A = inverse(self.J * scale[:, None]) * scale
-        condition = self.condition(
-            (self.J * self.columns).T, (A / self.columns[:, None]).T
-        )
-        self.require(limited(condition, JACOBIAN_CONDITION**2))
-        self.squared_condition = condition
+        self.require_condition(A, JACOBIAN_CONDITION**2)
         return A
 
     def noteworthy(
@@ -511,9 +513,9 @@ MAX_SETTLING_STEPS = 8
 Evaluate = Callable[[Array], tuple[dict[str, Array], Array]]
 
 
-def settles(elastic: ElasticMechanism, wrench: str) -> tuple[int, ...]:
-    """`settled_coordinates` where there is a wrench; `wrench` as in `ChainCase`."""
-    return () if wrench == "none" else tuple(settled_coordinates(elastic).tolist())
+def settles(elastic: ElasticMechanism, is_loaded: bool) -> tuple[int, ...]:
+    """`settled_coordinates` where there is a wrench."""
+    return tuple(settled_coordinates(elastic).tolist()) if is_loaded else ()
 
 
 def _closing_step(
@@ -548,8 +550,7 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     kind: Literal["dead", "follower"] = "dead" if case.axes == "world" else "follower"
     W = chain.W
     load = acting(tape, replace(case, load=LoadKind(kind, case.load.at)))
-    if W is None:
-        raise ValueError("links are deflected by a wrench")
+    assert W is not None  # links are deflected by a wrench
     sizes = case.constants.sizes(chain.length)
     left, N, names = chain.gradient - chain.J.T @ W, chain.N, case.names
     if isinstance(chain, ClosedChainNumbers):
@@ -581,7 +582,7 @@ def settle(
 ) -> NDArray[np.intp]:
     """Take steps from the postures q[which], in place; return those that come to rest.
 
-    `inputs` are the program's, "wrench" with one row or one for each of q. Postures that
+    `inputs` are the program's, "wrench" with a row for each of q. Postures that
     do not come to rest within a few steps are left to `cartstiff.analyse`, whose steps
     differ and may find another rest.
     """
@@ -592,8 +593,7 @@ def settle(
         at = np.ascontiguousarray(q[which])
         more, doubts = evaluate(at)
         own = {**inputs, "q": at, **more}
-        if len(inputs["wrench"]) > 1:
-            own["wrench"] = np.ascontiguousarray(inputs["wrench"][which])
+        own["wrench"] = np.ascontiguousarray(inputs["wrench"][which])
         outputs = step(own)
         moved, verdict = outputs["moved"].T
         stands = (verdict == PLAIN) & np.isfinite(moved) & (doubts == PLAIN)
@@ -695,7 +695,7 @@ def _reduced(rows: Array, rank: int) -> Array:
 
 
 def closed_case(
-    elastic: ElasticMechanism, chain: Chain, wrench: str, is_open: Array
+    elastic: ElasticMechanism, chain: Chain, is_loaded: bool, is_open: Array
 ) -> tuple[ChainCase, tuple[Potential, ...]] | str:
     """Case of a closed chain and the potentials outside it,
     or the reason why there is none.
@@ -736,8 +736,8 @@ def closed_case(
     if actuated is not None and not set(actuated) <= {*held, *rigid}:
         return "the actuated coordinates are not those that are held"
 
-    settled = settles(elastic, wrench)
-    still, others = list[tuple[tuple[int, ...], tuple[float, ...]]](), list[Potential]()
+    settled = settles(elastic, is_loaded)
+    still, others = list[LinkSpring](), list[Potential]()
     for potential in elastic.potentials:
         if settled:
             others.append(potential)
@@ -763,26 +763,26 @@ def closed_case(
     independent = _independent(chain, moving, closures, freedoms)
     chosen = set(np.flatnonzero(is_open).tolist())
     # Without chosen rest positions compliant links alone carry a load.
-    is_balancing = bool(chosen or settled or not (acts or wrench != "none"))
+    is_balancing = bool(chosen or settled or not (acts or is_loaded))
     if settled:
         if not chosen <= set(independent):
             return "what springs carry beside links that give is found posture by posture"
     elif (
         chosen
         and chosen != set(independent)
-        and (wrench != "none" or acts)
+        and (is_loaded or acts)
         and (independent or len(chosen) < freedoms or len(kinds) > 1)
     ):
         # Without a load the closures leave each spring its torque, where only angles are
         # weighed.
-        if wrench != "none" or independent or rigid or any(constants.is_length):
+        if is_loaded or independent or rigid or any(constants.is_length):
             return "what springs carry beside closures is found posture by posture"
         is_balancing = False
     if freedoms > 6 and not is_balancing:
         return "whether self-motions of a closed chain balance is seen posture by posture"
     return ChainCase(
         constants,
-        wrench,
+        is_loaded,
         springs=tuple(np.flatnonzero(own).tolist()),
         chosen=tuple(sorted(chosen)),
         is_balancing=is_balancing,

@@ -25,7 +25,6 @@ from cartstiff.core.arrays import Array
 from cartstiff.recorded.arguments import address_of, aligned_empty
 from cartstiff.recorded.tape import Arrays, Program
 from cartstiff.recorded.vector_code import (
-    LONGEST,
     input_arrays,
     scratch_size,
     vector_code,
@@ -220,12 +219,10 @@ class Kernel:
         outputs: Arrays,
         count: int,
         threads: int = 1,
-        stream: bool = False,
     ) -> None:
         """Compute `count` rows of outputs from rows of inputs, all of them contiguous.
 
-        Every array has two dimensions; shared inputs have one row. With `stream` outputs
-        are written past the cache if possible.
+        Every array has two dimensions; shared inputs have one row.
         """
         raise NotImplementedError
 
@@ -258,7 +255,6 @@ class PortableKernel(Kernel):
         outputs: Arrays,
         count: int,
         threads: int = 1,  # noqa: ARG002
-        stream: bool = False,  # noqa: ARG002
     ) -> None:
         """As `Kernel.run`."""
         shared = self.program.shared
@@ -318,14 +314,14 @@ if hasattr(os, "register_at_fork"):
 class CompiledKernel(Kernel):
     """A program as machine code; keeps LLVM's engines that own it, and scratch memory."""
 
-    def __init__(
-        self, program: Program, width: int | None = None, longest: int = LONGEST
-    ) -> None:
+    #: Whether many outputs are written past the cache, by code of its own.
+    streams = True
+
+    def __init__(self, program: Program, width: int | None = None) -> None:
         self.program = program
         self.block = width or lanes()
         self.arrays = input_arrays(program)
-        self.scratch = scratch_size(program, self.block, longest)
-        self._longest = longest
+        self.scratch = scratch_size(program, self.block)
         self._made: dict[bool, tuple[Any, Any]] = {}
         self._free: list[Array] = []
 
@@ -344,9 +340,7 @@ class CompiledKernel(Kernel):
             features=llvm.get_host_cpu_features().flatten(),
             opt=OPTIMISATION,
         )
-        module = llvm.parse_assembly(
-            vector_code(self.program, self.block, stream, self._longest)
-        )
+        module = llvm.parse_assembly(vector_code(self.program, self.block, stream))
         module.triple = llvm.get_process_triple()
         engine = llvm.create_mcjit_compiler(module, machine)
         engine.finalize_object()
@@ -368,10 +362,11 @@ class CompiledKernel(Kernel):
         outputs: Arrays,
         count: int,
         threads: int = 1,
-        stream: bool = False,
     ) -> None:
         """As `Kernel.run`."""
         block, shared = self.block, self.program.shared
+        size = sum(rows.nbytes for rows in outputs.values())
+        stream = self.streams and size > STREAMED
         whole = count - count % block
         if whole:
             self._run(inputs, outputs, whole // block, threads, stream)
@@ -466,7 +461,6 @@ class OnePosture(Kernel):
         outputs: Arrays,
         count: int,
         threads: int = 1,  # noqa: ARG002
-        stream: bool = False,  # noqa: ARG002
     ) -> None:
         """As `Kernel.run`, for one row."""
         if count != 1:
@@ -509,12 +503,9 @@ class CompiledPosture(OnePosture):
         self._kernel = CompiledKernel(
             replace(program, outputs={"record": tuple(steps)}), width=2
         )
+        self._kernel.streams = False
         self._entry, self._shared = self._kernel.entry(False), shared
         self._free: list[tuple[Any, ...]] = []
-
-    def entry(self, stream: bool) -> Any:  # noqa: ARG002
-        """The function, which writes through the cache."""
-        return self._entry
 
     def run(
         self,
@@ -522,7 +513,6 @@ class CompiledPosture(OnePosture):
         outputs: Arrays,
         count: int,
         threads: int = 1,
-        stream: bool = False,  # noqa: ARG002
     ) -> None:
         """As `Kernel.run`, for any number of rows."""
         if count == 1:

@@ -21,7 +21,7 @@ from cartstiff.core.mechanisms.chain import Chain
 from cartstiff.core.mechanisms.closures import ReferencePosture
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.recorded.closed_chains import Closings
-from cartstiff.recorded.kernels import Backend, Closer, has_package
+from cartstiff.recorded.kernels import Closer, has_package
 
 # Largest change of a held coordinate by the closures.
 _MAX_HELD_CHANGE = numerics.NEGLIGIBLE_DIFFERENCE
@@ -41,11 +41,8 @@ class Assembler:
     own : sequence of int
         Coordinates whose values are given. If they are not all held by actuators, the
         actuators follow them.
-    path : {"auto", "compiled", "portable", "engine"}
-        Path of the map. "engine" closes by `Chain.closed`; the others by machine code if
-        possible.
-    rows : int
-        Largest number of postures at a time.
+    is_recorded : bool
+        Whether recorded steps close it, by machine code if possible; else `Chain.closed`.
     """
 
     def __init__(
@@ -53,22 +50,18 @@ class Assembler:
         elastic: ElasticMechanism,
         base: Array,
         own: Sequence[int],
-        path: Backend,
-        rows: int,
+        is_recorded: bool = True,
     ) -> None:
         self._chain = cast(Chain, elastic.mechanism)
         held = self._chain.held
         self._hold = sorted({*own, *held})
         if not set(own) <= set(held):
             self._hold = sorted(({*held} - {*(self._chain.actuated or ())}) | {*own})
-        if self._hold != sorted(held):
-            path = (
-                "engine"  # the recorded steps hold the mechanism's own held coordinates
-            )
-        elif path in ("auto", "portable") and has_package("llvmlite"):
-            # Compiling takes less time than a hundred steps over NumPy arrays.
-            path = "compiled"
-        self._steps = Closer(elastic, path, rows)
+        # The recorded steps hold the mechanism's own held coordinates. Compiling takes
+        # less time than a hundred steps over NumPy arrays.
+        self._steps: Callable[[Array], Closings] = _no_steps
+        if is_recorded and self._hold == sorted(held):
+            self._steps = Closer(elastic, has_package("llvmlite"))
         self._base = self.near(base[None])[0][0]
         lengths = self._chain.at(self._base).coordinate_lengths
         self._home = ReferencePosture(self._base, self._hold, lengths)
@@ -178,6 +171,10 @@ class Assembler:
         start = np.tile(self._base, (len(q), 1))
         start[:, self._hold] = q[:, self._hold]
         return self.near(start)
+
+
+def _no_steps(q: Array) -> Closings:
+    return q, np.zeros(len(q), bool), np.zeros(len(q), bool)
 
 
 def _with(

@@ -19,7 +19,6 @@ from cartstiff.recorded.chains import ChainCase
 from cartstiff.recorded.closed_chains import Closings, close, settle
 from cartstiff.recorded.execution import (
     CHUNK,
-    STREAMED,
     CompiledKernel,
     Kernel,
     PortableKernel,
@@ -29,7 +28,6 @@ from cartstiff.recorded.plans import (
     SETTLING,
     Case,
     TracedModel,
-    given_as,
     plan,
     program_for,
 )
@@ -60,29 +58,23 @@ CLOSED_CHUNK = 4096
 EVALUATED_CHUNK = 1024
 
 
-@lru_cache(maxsize=32)
-def _portable_kernel(program: Program) -> PortableKernel:
-    return PortableKernel(program)
-
-
-_compiled: dict[Program, CompiledKernel] = {}
+_made: dict[tuple[Program, bool], Kernel] = {}
 _lock = process_lock()
 
 
 def is_compiled(program: Program) -> bool:
     """Whether the machine code of a program is cached."""
-    return program in _compiled
+    return (program, True) in _made
 
 
 def kernel_of(program: Program, compiled: bool) -> Kernel:
-    """Machine code of a program, the last 64 of which are cached; or NumPy."""
-    if not compiled:
-        return _portable_kernel(program)
+    """Machine code of a program, or NumPy; the last 96 are cached."""
     with _lock:
-        kernel = _compiled.pop(program, None) or CompiledKernel(program)
-        _compiled[program] = kernel
-        if len(_compiled) > 64:
-            del _compiled[next(iter(_compiled))]
+        make = CompiledKernel if compiled else PortableKernel
+        kernel = _made.pop((program, compiled), None) or make(program)
+        _made[program, compiled] = kernel
+        if len(_made) > 96:
+            del _made[next(iter(_made))]
     return kernel
 
 
@@ -116,9 +108,7 @@ def lasting_path(elastic: ElasticMechanism, is_loaded: bool, count: int) -> Back
     """The path for `count` postures, independent of kernels that this
     process has cached.
     """
-    answer = few_of_closed(elastic, is_loaded, count) or plan(
-        elastic, given_as(is_loaded)
-    )
+    answer = few_of_closed(elastic, is_loaded, count) or plan(elastic, is_loaded)
     if isinstance(answer, str):
         return "engine"
     is_compiled = count >= WORTH_COMPILING and has_package("llvmlite")
@@ -164,18 +154,11 @@ class _PostureSolver:
         """Close as `Chain.closed` does, from the reference posture if only held
         ones differ.
         """
-        steps = (
-            np.zeros(0, int) if self._home is None else self._home.steps_where_asked(q)
-        )
-        which = np.flatnonzero(steps)
-        if self._home is None or not which.size:
+        if self._home is None:
             return self.closed(q)[:2]
-        at, is_closed = q.copy(), np.zeros(len(q), bool)
-        near = partial(self.closed, first=1)
-        at[which], is_closed[which], is_vain = self._home.continue_from(
-            near, q[which], steps[which]
-        )
-        others = np.setdiff1d(np.arange(len(q)), which[~is_vain])
+        near, steps = partial(self.closed, first=1), self._home.steps_where_asked(q)
+        at, is_closed, is_vain = self._home.continue_from(near, q, steps)
+        others = is_vain | (steps == 0)
         at[others], is_closed[others], _ = self.closed(q[others])
         return at, is_closed
 
@@ -198,18 +181,15 @@ class Closer:
     ----------
     elastic : ElasticMechanism
         The mechanism.
-    path : {"auto", "compiled", "portable", "engine"}
-        Machine code for "compiled"; for "engine" there are no recorded steps.
-    rows : int
-        Chunk of postures.
+    compiled : bool
+        Whether by machine code.
     """
 
-    def __init__(self, elastic: ElasticMechanism, path: Backend, rows: int) -> None:
-        self._rows = min(rows, CLOSED_CHUNK)
-        taken = "" if path == "engine" or not rows else plan(elastic, "none")
+    def __init__(self, elastic: ElasticMechanism, compiled: bool) -> None:
+        taken = plan(elastic)
         self._solver: _PostureSolver | None = None
         if not isinstance(taken, str) and taken.is_closed:
-            self._solver = _PostureSolver(taken, path == "compiled")
+            self._solver = _PostureSolver(taken, compiled)
 
     def __call__(self, q: Array) -> Closings:
         """Coordinates from q (N, n), where they close the chain, and where no steps can.
@@ -220,8 +200,8 @@ class Closer:
             return q, np.zeros(len(q), bool), np.zeros(len(q), bool)
         # The first way only: the next releases the held coordinates.
         parts = (
-            self._solver.closed(q[i : i + self._rows], 1)
-            for i in range(0, len(q), self._rows)
+            self._solver.closed(q[i : i + CLOSED_CHUNK], 1)
+            for i in range(0, len(q), CLOSED_CHUNK)
         )
         at, is_closed, is_vain = (
             np.concatenate(each) for each in zip(*parts, strict=True)
@@ -260,10 +240,7 @@ def run(
             array[...] = np.nan
     is_compiled = not isinstance(kernel, PortableKernel)
     # How many postures at once: as many as the caches hold.
-    length, is_streamed = size or (COMPILED_CHUNK if is_compiled else CHUNK), False
-    if is_compiled:
-        is_streamed = sum(arrays[name].nbytes for name in exists) > STREAMED
-        kernel.entry(is_streamed)
+    length = size or (COMPILED_CHUNK if is_compiled else CHUNK)
     if taken.untraced:
         length = min(length, EVALUATED_CHUNK)
     if taken.is_closed:
@@ -273,11 +250,8 @@ def run(
     solver = _PostureSolver(taken, is_compiled, workers, made)
     # What is the same at all postures is given once.
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
-    if loads is not None and loads.ndim == 1:
-        if "wrench" in kernel.program.shared:
-            shared["wrench"] = np.ascontiguousarray(loads)[None]
-        else:
-            loads = np.broadcast_to(loads, (count, 6))
+    if loads is not None:
+        loads = np.broadcast_to(loads, (count, 6))
     verdict = aligned_empty(
         length, 1
     )  # aligned, or no output could be written past the cache
@@ -288,7 +262,7 @@ def run(
         inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
         for name, array in (more or {}).items():
             inputs[name] = np.ascontiguousarray(array[start:stop])
-        if loads is not None and loads.ndim == 2:
+        if loads is not None:
             inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
         is_found = None
         if solver:
@@ -296,10 +270,10 @@ def run(
             inputs["q"] = np.ascontiguousarray(q[start:stop])
         doubts = None
         if taken.untraced:
-            more, doubts = taken.untraced.derivatives(
+            terms, doubts = taken.untraced.derivatives(
                 inputs["q"], is_compiled, inputs.get("wrench")
             )
-            inputs.update(more)
+            inputs.update(terms)
         # Outputs are written where they belong, or copied there if those rows have gaps.
         chunk, copies = {"verdict": verdict[:rows]}, []
         for name, width in exists.items():
@@ -309,7 +283,7 @@ def run(
             else:
                 chunk[name] = np.empty((rows, width))
                 copies.append((part, chunk[name]))
-        kernel.run(inputs, chunk, rows, workers, is_streamed)
+        kernel.run(inputs, chunk, rows, workers)
         for part, values in copies:
             part[...] = values.reshape(part.shape)
         verdicts[start:stop] = verdict[:rows, 0]

@@ -106,6 +106,18 @@ def springs_of(elastic: ElasticMechanism) -> Springs:
     return elastic.springs
 
 
+def keywords(
+    elastic: ElasticMechanism, wrench: Array | None, load: LoadKind, axes: Axes
+) -> dict[str, Any]:
+    """A load as keywords of `analyse`; none where nothing can act."""
+    given: dict[str, Any] = {}
+    if wrench is not None:
+        given = {"wrench": wrench, "load_axes": axes}
+    if wrench is not None or elastic.may_be_loaded:
+        given |= {"load_kind": load.kind, "load_at": load.at}
+    return given
+
+
 @dataclass
 class Question:
     """A question to `analyse`, which has what a posture reads beside its numbers.
@@ -129,11 +141,7 @@ class Question:
     def core(self) -> PostureStiffness:
         """Its answer."""
         elastic, load = changed(self.elastic, self.load, self.numbers)
-        given: dict[str, Any] = {}
-        if self.wrench is not None:
-            given = {"wrench": self.wrench, "load_axes": self.axes}
-        if self.wrench is not None or elastic.may_be_loaded:
-            given |= {"load_kind": load.kind, "load_at": load.at}
+        given = keywords(elastic, self.wrench, load, self.axes)
         return analyse(elastic, self.q, **given)
 
 

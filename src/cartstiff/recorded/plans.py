@@ -7,7 +7,7 @@ from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
 from math import inf
-from typing import Any, Literal, cast
+from typing import Any, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -28,8 +28,13 @@ from cartstiff.core.potentials.loads import DeadForce
 from cartstiff.core.potentials.springs import SpringLaw
 from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 from cartstiff.files.struts.flexure_struts import FlexureStruts
-from cartstiff.recorded.algebra import CASE_INPUTS, acting, shared_inputs
-from cartstiff.recorded.chains import ChainCase, Line, chain_arrays, is_recorded
+from cartstiff.recorded.algebra import CASE_INPUTS, SHARED, acting
+from cartstiff.recorded.chains import (
+    ChainCase,
+    Line,
+    chain_arrays,
+    is_recorded,
+)
 from cartstiff.recorded.closed_chains import (
     closed_arrays,
     closed_case,
@@ -77,12 +82,12 @@ class TracedModel:
     @property
     def is_closed(self) -> bool:
         """Whether the mechanism is a closed chain, which is closed first."""
-        return isinstance(self.case, ChainCase) and self.case.is_closed
+        return self.case.is_closed
 
     @property
     def settles(self) -> bool:
         """Whether links are deflected first by the load."""
-        return isinstance(self.case, ChainCase) and bool(self.case.settled)
+        return bool(self.case.settled)
 
     def under(self, load: LoadKind, axes: Axes) -> TracedModel:
         """The same under another kind of load, with a wrench along the axes of M or F."""
@@ -96,7 +101,7 @@ class TracedModel:
 
 
 def plan_with(
-    elastic: ElasticMechanism, wrench: str, inputs: Collection[str]
+    elastic: ElasticMechanism, is_loaded: bool, inputs: Collection[str]
 ) -> TracedModel | str:
     """`plan` with some of `algebra.CASE_INPUTS` as inputs.
 
@@ -108,7 +113,7 @@ def plan_with(
         kilogram = elastic.with_payload(1.0)
         force = _weight(kilogram, elastic.gravity) - _weight(elastic, elastic.gravity)
         base = elastic.with_potential(DeadForce(force, np.zeros(3)))
-    taken = plan(base, wrench)
+    taken = plan(base, is_loaded)
     if isinstance(taken, str):
         return taken
     if "tcp" in own and taken.untraced:
@@ -176,9 +181,9 @@ def program_for(
     """
     tape = Tape()
     if isinstance(case, ChainCase) and outputs == CLOSING:
-        return tape.program(closing_arrays(tape, case), [])
+        return tape.program(closing_arrays(tape, case))
     if isinstance(case, ChainCase) and outputs == SETTLING:
-        return tape.program(settling_arrays(tape, case), shared_inputs(case.wrench))
+        return tape.program(settling_arrays(tape, case), SHARED)
     needed = outputs if readings is None else (*outputs, *readings.needs)
     if own:
         needed = (*needed, "length")
@@ -199,38 +204,31 @@ def program_for(
     arrays["verdict"][0] = reduce(larger, doubts)
     # Outputs that nobody reads are dropped.
     stay = {name: arrays[name] for name in (*kept, "verdict")}
-    return tape.program(stay, shared_inputs(case.wrench))
+    return tape.program(stay, SHARED)
 
 
-#: The last plans with their mechanisms, which do not change, and kinds of wrench.
-_plans: deque[tuple[ElasticMechanism, str, TracedModel | str]] = deque(maxlen=8)
+#: The last plans with their mechanisms, which do not change, and whether they are loaded.
+_plans: deque[tuple[ElasticMechanism, bool, TracedModel | str]] = deque(maxlen=8)
 
 
-def given_as(is_loaded: bool) -> Literal["none", "each"]:
-    """Kind of wrench for a plan: none, or one for each posture."""
-    return "each" if is_loaded else "none"
-
-
-def plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:
-    """The recorded arithmetic of a mechanism, or the reason why it has none;
-    the last are cached.
-
-    `wrench` is "none", "shared" or "each".
+def plan(elastic: ElasticMechanism, is_loaded: bool = False) -> TracedModel | str:
+    """The recorded arithmetic of a mechanism, under a wrench for each posture if it
+    `is_loaded`, or the reason why it has none; the last are cached.
     """
-    for known, kind, found in tuple(_plans):
-        if known is elastic and kind == wrench:
+    for known, loaded, found in tuple(_plans):
+        if known is elastic and loaded == is_loaded:
             return found
-    planned = _planned(elastic, wrench)
+    planned = _planned(elastic, is_loaded)
     if elastic.gravity is None or not elastic.gravity.flags.writeable:
-        _plans.append((elastic, wrench, planned))
+        _plans.append((elastic, is_loaded, planned))
     return planned
 
 
-def _planned(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:
+def _planned(elastic: ElasticMechanism, is_loaded: bool) -> TracedModel | str:
     mechanism = elastic.mechanism
     for kind, planner in _PLANNERS.items():
         if kind in type(mechanism).__mro__:
-            return planner(elastic, mechanism, wrench)
+            return planner(elastic, mechanism, is_loaded)
     return f"no arithmetic for mechanisms of kind {mechanism.kind}"
 
 
@@ -247,7 +245,7 @@ def chain_constants(chain: Chain) -> TreeConstants | str:
 
 
 def _chain_plan(
-    elastic: ElasticMechanism, chain: Chain, wrench: str
+    elastic: ElasticMechanism, chain: Chain, is_loaded: bool
 ) -> TracedModel | str:
     springs, n = elastic.springs, len(chain.is_length)
     if elastic.coupled_springs:
@@ -259,7 +257,7 @@ def _chain_plan(
     if springs is not None and springs.attachments():
         return "line springs of a chain have no arithmetic of their own"
     if springs is not None:
-        is_open, laws = springs.rest_is_free(wrench != "none"), springs.laws
+        is_open, laws = springs.rest_is_free(is_loaded), springs.laws
         if any(is_open[j] and not is_recorded(law, True) for j, law in laws.items()):
             return "the rest position of such a spring is found posture by posture"
         shared["stiffness"][:], shared["rest"][:] = (
@@ -268,7 +266,7 @@ def _chain_plan(
         )
         shared["stiffness"][:, list(laws)] = 0.0
     answer = (closed_case if chain.closures else _open_case)(
-        elastic, chain, wrench, is_open
+        elastic, chain, is_loaded, is_open
     )
     if isinstance(answer, str):
         return answer
@@ -277,7 +275,7 @@ def _chain_plan(
 
 
 def _open_case(
-    elastic: ElasticMechanism, chain: Chain, wrench: str, is_open: Array
+    elastic: ElasticMechanism, chain: Chain, is_loaded: bool, is_open: Array
 ) -> tuple[ChainCase, tuple[Potential, ...]] | str:
     """Case of an open chain and its potentials, or the reason why there is none."""
     constants = chain_constants(chain)
@@ -290,15 +288,15 @@ def _open_case(
         return "links that give beside rigid joints are looked at posture by posture"
     if elastic.gravity is not None and len(constants.screws) < 6 * chain.tree.model.nv:
         return "bodies beside the way to the frame have weight"
-    case = ChainCase(constants, wrench, rigid=rigid, has_chart=n == 6 and not rigid)
+    case = ChainCase(constants, is_loaded, rigid=rigid, has_chart=n == 6 and not rigid)
     if elastic.springs is not None:
         passive = {*np.flatnonzero(elastic.springs.is_passive).tolist()}.difference(rigid)
-        if wrench != "none" and passive and not chain.virtual:
+        if is_loaded and passive and not chain.virtual:
             return (
                 "whether joints without a spring feel the wrench is seen posture by "
                 "posture"
             )
-        settled = settles(elastic, wrench)
+        settled = settles(elastic, is_loaded)
         case = replace(
             case,
             springs=tuple(a for a in case.moving if a not in settled),
@@ -409,13 +407,13 @@ def _lines_of(
 
 
 def _platform_plan(
-    elastic: ElasticMechanism, platform: Platform, wrench: str
+    elastic: ElasticMechanism, platform: Platform, is_loaded: bool
 ) -> TracedModel | str:
     springs = elastic.springs
     if springs is None or not springs.attachments():
         return "a platform without line springs has no arithmetic of its own"
     if springs.gives_aside:
-        return _strut_plan(elastic, platform, cast(FlexureStruts, springs), wrench)
+        return _strut_plan(elastic, platform, cast(FlexureStruts, springs), is_loaded)
     springs = cast(LineSprings, springs)
     # The lines must be the legs themselves, at their anchors and points.
     m = len(springs.stiffness)
@@ -431,7 +429,7 @@ def _platform_plan(
     has_preload = np.zeros(m, bool) if preload is None else is_open & ~np.isnan(preload)
     if len({*zip(is_open.tolist(), has_preload.tolist(), strict=True)}) > 1:
         return "some rest lengths are given and others are found posture by posture"
-    if wrench != "none" and not is_open.all() and isinstance(springs.driven, tuple):
+    if is_loaded and not is_open.all() and isinstance(springs.driven, tuple):
         return "which springs keep their rest lengths is found posture by posture"
     is_cable_driven = has_preload.any() and springs.cables.all()
     # What else acts on the body, and whether the lines may not carry it.
@@ -439,14 +437,12 @@ def _platform_plan(
     legs = None if elastic.gravity is None else platform.struts
     carries = forces or loose or legs is not None
     if m < 6 and (
-        wrench != "none"
-        or is_cable_driven
-        or (is_open.any() and carries and preload is None)
+        is_loaded or is_cable_driven or (is_open.any() and carries and preload is None)
     ):
         return "whether fewer than six lines carry a load is seen posture by posture"
     # What the program depends on, and apart from it the numbers that may change.
     rest = "preload" if has_preload.any() else "open" if is_open.any() else "given"
-    acting = rest, wrench, springs.unilateral
+    acting = rest, is_loaded, springs.unilateral
     case = _platform_case(platform, *acting, tuple(points), bool(loose))
     bounds = springs.bounds(np.zeros((1, m)), np.ones(m, bool))
     given = np.zeros(m) if preload is None else preload
@@ -506,7 +502,7 @@ def _forces(
 
 
 def _strut_plan(
-    elastic: ElasticMechanism, platform: Platform, struts: FlexureStruts, wrench: str
+    elastic: ElasticMechanism, platform: Platform, struts: FlexureStruts, is_loaded: bool
 ) -> TracedModel | str:
     """Struts, whose derivatives are inputs; the platform's lines carry no force."""
     if (struts.frame_a, struts.frame_b) != ("world", "body"):
@@ -527,6 +523,6 @@ def _strut_plan(
         struts=struts,
         forces=tuple(forces),
         points=tuple(map(np.array, points)),
-        is_loaded=wrench != "none",
+        is_loaded=is_loaded,
     )
     return TracedModel(case, shared, "regular", untraced)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -75,7 +75,7 @@ class PlatformCase:
     rest : {"given", "kept", "open", "preload"}
         Whether the lines have rest lengths, which a given wrench replaces unless they are
         kept, or these are chosen at each posture, or there follow from the preload.
-    wrench : {"none", "shared", "each"}
+    is_loaded : as of `cartstiff.recorded.chains.ChainCase`.
     unilateral : bool or tuple of bool (m,)
     points_of_forces : points of the body in M at which constant forces act.
     derivatives : bool
@@ -99,7 +99,7 @@ class PlatformCase:
     T_P_M: tuple[float, ...]
     length: float
     rest: str = "given"
-    wrench: str = "none"
+    is_loaded: bool = False
     unilateral: bool | tuple[bool, ...] = False
     points_of_forces: tuple[tuple[float, ...], ...] = ()
     derivatives: bool = False
@@ -111,6 +111,9 @@ class PlatformCase:
     axes: Axes = "body"
     is_chosen: bool = False
     inputs: tuple[str, ...] = ()
+    #: No steps lead to a posture, as those of a `ChainCase` may.
+    is_closed: ClassVar[bool] = False
+    settled: ClassVar[tuple[int, ...]] = ()
 
     @property
     def is_forced(self) -> bool:
@@ -130,7 +133,7 @@ class PlatformCase:
         """
         m = self.lines or len(self.points) // 3
         carries = self.derivatives or self.is_forced or self.has_weight
-        is_chosen = self.wrench != "none" or self.rest == "preload"
+        is_chosen = self.is_loaded or self.rest == "preload"
         return m > 6 and (is_chosen or (self.rest == "open" and carries))
 
 
@@ -273,8 +276,7 @@ class PlatformNumbers(Judged):
     def _balancing(self, tape: Tape, asked: Array, given: Array) -> Array:
         """Tensions (m,) nearest to the given ones that exert a wrench, or chosen ones."""
         m, cables = len(self.k), self.cables
-        if self.decomposition is None:
-            raise ValueError("fewer than six lines carry no chosen wrench")
+        assert self.decomposition is not None  # else it has no plan
         if m <= 6:
             given = zeros(m)
         elif self.case.rest == "given":

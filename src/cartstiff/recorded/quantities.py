@@ -31,6 +31,7 @@ from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.stiffness.applied_load import Axes, LoadKind, wrench_in_body
 from cartstiff.core.stiffness.compute import analyse
 from cartstiff.core.units import Units
+from cartstiff.recorded.known_numbers import keywords
 from cartstiff.recorded.strength import (
     Drives,
     along_jacobian,
@@ -110,8 +111,8 @@ class Settings:
         if connection not in OF_MANY:
             raise UnknownNameError("connection", connection, OF_MANY)
         if length is None:
-            acting = {"load_kind": load.kind, "load_at": load.at, "load_axes": load_axes}
-            length = default_length(elastic, connection, wrench=wrench, **acting)
+            acting = keywords(elastic, wrench, load, load_axes)
+            length = default_length(elastic, connection, **acting)
         added = None
         if deflect is not None:
             added = checked_input(deflect, (6,), "wrench of the deflection")
@@ -166,6 +167,9 @@ Rows = Sequence[Any] | Array
 class Source:
     """Matrices of one recorded posture, or of a stack of many,
     and numbers derived from them.
+
+    Each kind has eigenvalues of its own (`principal`, `spectrum`, `ends` and their
+    `ratio`) and decides what exists (`where_positive`).
 
     Parameters
     ----------
@@ -222,42 +226,6 @@ class Source:
             raise InputError("the largest load of a closed chain has no derivatives")
         return along_jacobian(self)
 
-    # -- implemented by each kind of source
-    # -----------------------------------------------------
-
-    def principal(
-        self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
-    ) -> Rows:
-        """Three principal values, smallest first.
-
-        `of_held`: from the pair with others held.
-        """
-        raise NotImplementedError
-
-    def spectrum(self) -> Rows:
-        """Six eigenvalues of K with lengths scaled, smallest first."""
-        raise NotImplementedError
-
-    def ends(self) -> Rows:
-        """Eigenvalues of K with lengths scaled, at least the smallest and the largest."""
-        raise NotImplementedError
-
-    def ratio(self, values: Rows) -> Numbers:
-        """Ratio of the largest to the smallest absolute eigenvalue,
-        given in ascending order.
-        """
-        raise NotImplementedError
-
-    def sixth_root(self, value: Numbers) -> Numbers:
-        """The sixth root of a number that is not negative."""
-        raise NotImplementedError
-
-    def where_positive(
-        self, value: Numbers, least: Numbers, at_zero: float = np.nan
-    ) -> Numbers:
-        """A value that exists only if `least` is positive; `at_zero` if that is zero."""
-        raise NotImplementedError
-
 
 def norm(values: Rows) -> Numbers:
     """Root of the sum of squares."""
@@ -272,14 +240,14 @@ def product_of(values: Rows) -> Numbers:
     return result
 
 
-def _isotropy(s: Source) -> Numbers:
+def _isotropy(s: Any) -> Numbers:
     values = s.spectrum()
     mean = sum(values[1:], values[0]) * (1.0 / 6.0)
     share = product_of([x / mean for x in values])
     return s.sixth_root(s.where_positive(share, values[0], 0.0))
 
 
-def _natural_length(s: Source) -> Numbers:
+def _natural_length(s: Any) -> Numbers:
     held = s.principal("stiffness", "translation", "held")
     free = s.principal("stiffness", "rotation", "free", of_held=True)
     value = product_of([x / y for x, y in zip(free, held, strict=True)])
@@ -385,7 +353,7 @@ def _principal_quantities() -> Iterator[Quantity]:
         )
 
 
-def _end(s: Source, column: int, **which: Any) -> Numbers:
+def _end(s: Any, column: int, **which: Any) -> Numbers:
     return s.principal(**which)[column]
 
 

@@ -95,9 +95,7 @@ def _error_program(constants: TreeConstants, length: float, sizes: Array) -> Pro
     e[3:] = (T[:3, :3].T @ (wanted[:, 3] - T[:3, 3])) * (1.0 / length)
     e[:3], verdict = rotation_vector(R)
     scale = np.repeat([1.0, 1.0 / length], 3)[:, None] * sizes
-    return tape.program(
-        {"e": e, "jacobian": J * scale, "verdict": np.array([verdict], object)}, []
-    )
+    return tape.program({"e": e, "jacobian": J * scale, "verdict": verdict})
 
 
 def _step_program(sizes: Array, is_limited: bool) -> Program:

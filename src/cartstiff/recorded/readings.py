@@ -228,28 +228,10 @@ def _tridiagonal(matrix: Array) -> tuple[list[Scalar], list[Scalar]]:
     return list(work.diagonal()), squares
 
 
-#: Exchanges that sort n numbers: of neighbours in turns, or a known shorter network.
+#: Exchanges of neighbours, in turns, that sort n numbers.
 _EXCHANGES = {
-    **{
-        n: tuple((i, i + 1) for k in range(n) for i in range(k % 2, n - 1, 2))
-        for n in _SWEEPS
-    },
-    2: ((0, 1),),
-    3: ((0, 1), (1, 2), (0, 1)),
-    6: (
-        (0, 5),
-        (1, 3),
-        (2, 4),
-        (1, 2),
-        (3, 4),
-        (0, 3),
-        (2, 5),
-        (0, 1),
-        (2, 3),
-        (4, 5),
-        (1, 2),
-        (3, 4),
-    ),
+    n: tuple((i, i + 1) for k in range(n) for i in range(k % 2, n - 1, 2))
+    for n in _SWEEPS
 }
 
 

@@ -24,7 +24,7 @@ from cartstiff.recorded.arguments import (
 from cartstiff.recorded.assembly import Assembly
 from cartstiff.recorded.kernels import LARGEST_PROGRAM
 from cartstiff.recorded.known_numbers import Question, notes_are_known
-from cartstiff.recorded.plans import given_as, plan, program_for
+from cartstiff.recorded.plans import plan, program_for
 from cartstiff.recorded.postures import REGULAR
 from cartstiff.recorded.program import Program
 from cartstiff.recorded.recording import NOTHING
@@ -86,7 +86,7 @@ def recorded(
     """Program of all numbers of a posture, or of the steps that close it, if there is
     one whose results are those of the core.
     """
-    taken = plan(elastic, given_as(is_loaded))
+    taken = plan(elastic, is_loaded)
     if isinstance(taken, str):
         return None
     # Which coordinates were meant, where none is a motor's, only the core can say.

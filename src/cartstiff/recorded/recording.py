@@ -67,7 +67,6 @@ from cartstiff.recorded.own_outputs import OwnOutputs
 from cartstiff.recorded.plans import (
     Case,
     TracedModel,
-    given_as,
     plan_with,
     program_for,
 )
@@ -154,7 +153,7 @@ class Recording:
         self._derived = dict[str, Tape]()
         if backend == "engine":
             return
-        taken = plan_with(elastic, given_as(is_loaded), inputs)
+        taken = plan_with(elastic, is_loaded, inputs)
         if isinstance(taken, str):
             self.reason = taken
             if backend != "auto":

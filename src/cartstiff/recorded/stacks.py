@@ -332,9 +332,8 @@ def quantities_of(
     q, wrench, load_axes
         Closed coordinates, and the load (6,) or (N, 6) with its axes.
     """
-    load = settings.load
-    acting = {"load_kind": load.kind, "load_at": load.at, "load_axes": load_axes}
-    swing, lengths = ManyModes(elastic, q, wrench, acting), distances(elastic.mechanism)
+    swing = ManyModes(elastic, q, wrench, settings.load, load_axes)
+    lengths = distances(elastic.mechanism)
     return evaluate(quantities, arrays, settings, lengths, swing)
 
 

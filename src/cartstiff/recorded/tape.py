@@ -161,7 +161,7 @@ class Tape:
                 waiting += () if name == "input" else arguments
         return found
 
-    def program(self, outputs: Arrays, shared: Sequence[str]) -> Program:
+    def program(self, outputs: Mapping[str, Any], shared: Sequence[str] = ()) -> Program:
         """Program of the operations that the outputs depend on, renumbered.
 
         Inputs in `shared` have one row for all postures.

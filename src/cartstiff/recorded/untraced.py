@@ -94,8 +94,11 @@ _NEWTON_STEPS = 5
 _MAX_LAST_CHANGE = numerics.ROUNDOFF_OF_SUMS**0.5
 
 
-def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
-    """Energy, gradient, lower triangle of the Hessian, and the verdict."""
+def segment_program(length: float, section: Section) -> Program:
+    """Energy, gradient, lower triangle of the Hessian and verdict of one
+    segment at x (6,).
+    """
+    tape, beam = Tape(), Beam(np.arange(6), length, section)
     x = tape.vector("x", 6)
     shapes = beam.shapes(x[None])
     _, stretch, turns = shapes
@@ -124,20 +127,14 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
         verdict = larger(verdict, limited(bent, 0.5 * SERIES))
     # Everything else follows from the force.
     energy, gradient, hessian = beam.terms(shapes, N, beam.rotational(N), np.ones(1))
-    return {
-        "energy": energy,
-        "gradient": gradient[0],
-        "hessian": lower_triangle(hessian[0]),
-        "verdict": np.array([verdict], object),
-    }
-
-
-def segment_program(length: float, section: Section) -> Program:
-    """Energy, gradient, lower triangle of the Hessian and verdict of one
-    segment at x (6,).
-    """
-    tape, beam = Tape(), Beam(np.arange(6), length, section)
-    return tape.program(_segment(tape, beam), [])
+    return tape.program(
+        {
+            "energy": energy,
+            "gradient": gradient[0],
+            "hessian": lower_triangle(hessian[0]),
+            "verdict": verdict,
+        }
+    )
 
 
 @lru_cache(maxsize=16)
@@ -318,10 +315,10 @@ def _step(alike: _Alike) -> Program:
         "dW": dW,
         "more_q": more_q,
         "more_W": more_W,
-        "rest": np.array([strut.rest], object),
+        "rest": strut.rest,
     }
     seen = np.array([strut.now, strut.verdict, strut.near, strut.whole], object)
-    return tape.program({**state, "seen": seen}, [])
+    return tape.program({**state, "seen": seen})
 
 
 def _condensed(alike: _Alike) -> Program:
@@ -338,11 +335,10 @@ def _condensed(alike: _Alike) -> Program:
     energy = (strut.k * strut.stretched) @ strut.stretched * 0.5
     return tape.program(
         {
-            "energy": np.array([energy], object),
+            "energy": energy,
             "wrench": back @ strut.W,
             "stiffness": lower_triangle(K),
-        },
-        [],
+        }
     )
 
 
@@ -361,7 +357,7 @@ def _coupling(alike: _Alike) -> Program:
     shift, condition = solution_with_condition(G, short / sizes)
     verdict = limited(condition, (1e-3 * JACOBIAN_CONDITION) ** 2)
     return tape.program(
-        {"shift": shift, "seen": np.array([largest(now / sizes), verdict], object)}, []
+        {"shift": shift, "seen": np.array([largest(now / sizes), verdict], object)}
     )
 
 

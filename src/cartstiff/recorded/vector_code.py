@@ -50,7 +50,8 @@ _WHOLE = 6755399441055744.0
 _FIXED = (_TWO_OVER_PI, *_HALF_PI, *_SINE, *_COSINE, _WHOLE, 0.5, 1.0)
 
 _BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
-_UNARY = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs"}
+#: Functions of LLVM, with their number of arguments.
+_CALLED = {"sqrt": ("sqrt", 1), "abs": ("fabs", 1), "copysign": ("copysign", 2)}
 
 
 #: A constant in hexadecimal, or an input that all postures share.
@@ -196,11 +197,10 @@ class Writer:
             return self.do(_BINARY[name], a[0], a[1])
         if name == "neg":
             return self.new(f"fneg {v} {a[0]}")
-        if name in _UNARY:
-            return self.new(f"call {v} @{_UNARY[name]}.v{self.width}f64({v} {a[0]})")
-        if name == "copysign":
+        if name in _CALLED:
+            given = ", ".join(f"{v} {x}" for x in a)
             return self.new(
-                f"call {v} @llvm.copysign.v{self.width}f64({v} {a[0]}, {v} {a[1]})"
+                f"call {v} @llvm.{_CALLED[name][0]}.v{self.width}f64({given})"
             )
         x, y, yes, no = (a[1], a[0], a[0], a[1]) if name == "max" else a
         mask = self.new(f"fcmp olt {v} {x}, {y}")
@@ -438,9 +438,10 @@ def _declarations(width: int) -> str:
     v, bits = f"<{width} x double>", width * 64
     return "\n".join(
         [
-            f"declare {v} @llvm.sqrt.v{width}f64({v})",
-            f"declare {v} @llvm.fabs.v{width}f64({v})",
-            f"declare {v} @llvm.copysign.v{width}f64({v}, {v})",
+            *(
+                f"declare {v} @llvm.{name}.v{width}f64({', '.join([v] * count)})"
+                for name, count in _CALLED.values()
+            ),
             # Vectors on the stack must not cross cache lines.
             'attributes #0 = { nounwind alignstack=64 "stackrealign" '
             f'"min-legal-vector-width"="{bits}" "prefer-vector-width"="{bits}" }}',
@@ -460,12 +461,12 @@ _BLOCK = 400
 _RELOAD_AFTER = 30
 
 
-def _segments(program: Program, longest: int) -> list[tuple[int, int]]:
+def _segments(program: Program) -> list[tuple[int, int]]:
     """Ranges of operations that become functions."""
     count = len(program.operations)
     size = count
-    if program.size > longest:
-        size = -(-count // -(-program.size // (longest // 2)))
+    if program.size > LONGEST:
+        size = -(-count // -(-program.size // (LONGEST // 2)))
     return [(start, min(start + size, count)) for start in range(0, count, size)]
 
 
@@ -485,9 +486,9 @@ def _kept(program: Program, segments: list[tuple[int, int]]) -> dict[int, int]:
     return places
 
 
-def scratch_size(program: Program, width: int, longest: int = LONGEST) -> int:
+def scratch_size(program: Program, width: int) -> int:
     """Number of doubles of scratch memory for one thread, aligned to 64 bytes."""
-    kept = _kept(program, _segments(program, longest))
+    kept = _kept(program, _segments(program))
     return width * (len(kept_table(program)) + 2 * len(kept))
 
 
@@ -591,9 +592,7 @@ class _Body:
         self.angles.update(zip(angles, both, strict=True))
 
 
-def vector_code(
-    program: Program, width: int, stream: bool = False, longest: int = LONGEST
-) -> str:
+def vector_code(program: Program, width: int, stream: bool = False) -> str:
     """LLVM text of ``kernel(blocks, inputs, outputs, scratch, progress)``.
 
     `inputs` and `outputs` are arrays of pointers in the order of `input_arrays` and of
@@ -606,7 +605,7 @@ def vector_code(
     the others.
     """
     arrays = input_arrays(program)
-    segments, table = _segments(program, longest), kept_table(program)
+    segments, table = _segments(program), kept_table(program)
     kept = _kept(program, segments)
     arguments = [
         *(f"ptr %in{i}" for i in range(len(arrays))),

@@ -9,9 +9,8 @@ where K_q is positive. `cartstiff.modes` computes all other postures.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,13 +21,16 @@ from cartstiff.core import numerics
 from cartstiff.core.arrays import Array
 from cartstiff.core.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
-from cartstiff.core.stiffness.applied_load import LoadKind
+from cartstiff.core.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 from cartstiff.core.units import Units, convert_length
 from cartstiff.recorded.arguments import OF_VIBRATIONS
+from cartstiff.recorded.known_numbers import keywords
 from cartstiff.recorded.tape import Arrays
 
 # Postures at a time, so that their matrices stay in the cache.
 _ROWS = 2048
+#: Number of the lowest modes.
+_LOWEST = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,17 +45,18 @@ class ManyModes:
         Postures, closed.
     wrenches : ndarray (6,) or (N, 6), optional
         Load, as in `cartstiff.modes`.
-    load : mapping
-        Its `load_kind`, `load_at`, `load_axes`.
+    load, axes
+        Its behaviour and point, and its axes.
     """
 
     elastic: ElasticMechanism
     q: Array
     wrenches: Array | None = None
-    load: Mapping[str, Any] = field(default_factory=dict)
+    load: LoadKind = DEAD_AT_ORIGIN
+    axes: Axes = "body"
 
-    def frequencies(self, arrays: Arrays, count: int = 6) -> Array:
-        """Lowest frequencies [Hz], (N, count).
+    def frequencies(self, arrays: Arrays) -> Array:
+        """Lowest frequencies [Hz], (N, 6).
 
         NaN where a motion is unstable, where a posture has no modes or cannot carry the
         load, and beyond the last mode.
@@ -63,50 +66,45 @@ class ManyModes:
         arrays : mapping of str to ndarray
             The wrench and `OF_VIBRATIONS`, NaN or without entries where they are not
             recorded; with a pose that is NaN where a posture is not decided.
-        count : int
         """
-        frequencies, known = self._of_matrices(arrays, count)
+        frequencies, known = self._of_matrices(arrays)
         if "pose" in arrays:
             known |= ~np.isfinite(arrays["pose"]).all(axis=(1, 2))
         rows = np.flatnonzero(~known)
-        frequencies[rows] = self._each(lambda modes: modes.frequencies, count, rows)
+        frequencies[rows] = self._each(lambda modes: modes.frequencies, rows)
         return frequencies
 
-    def damping_ratios(self, damping: Damping, count: int = 6) -> Array:
-        """Damping ratios (N, count) of the modes, the slowest first.
+    def damping_ratios(self, damping: Damping) -> Array:
+        """Damping ratios (N, 6) of the modes, the slowest first.
 
         With dampers, of the poles.
         """
         if not (damping.dampers and self.elastic.damping is not None):
-            return self._each(lambda modes: damping.of_modes(modes), count)
-        return self._each(lambda modes: poles(modes, damping)[1], count)
+            return self._each(damping.of_modes)
+        return self._each(lambda modes: poles(modes, damping)[1])
 
     def _each(
-        self, answer: Callable[[Modes], ArrayLike], count: int, which: Array | None = None
+        self, answer: Callable[[Modes], ArrayLike], which: Array | None = None
     ) -> Array:
         """Numbers from the modes of some postures, computed one after the other."""
         every = np.arange(len(self.q)) if which is None else which
-        loads, rows = self.wrenches, np.full((len(every), count), np.nan)
+        loads, rows = self.wrenches, np.full((len(every), _LOWEST), np.nan)
         for row, i in zip(rows, every, strict=True):
             wrench = None if loads is None else loads if loads.ndim == 1 else loads[i]
-            is_loaded = wrench is not None or self.elastic.may_be_loaded
-            load = self.load if is_loaded else {}
+            given = keywords(self.elastic, wrench, self.load, self.axes)
             try:
-                found = modes(self.elastic, self.q[i], wrench=wrench, **load)
+                found = modes(self.elastic, self.q[i], **given)
             except (ConvergenceError, InputError, UndefinedError):
                 continue  # the input has been checked: the load cannot be carried here
             try:
-                values = np.asarray(answer(found))[:count]
+                values = np.asarray(answer(found))[:_LOWEST]
             except UndefinedError:
                 continue
             row[: values.size] = values
         return rows
 
-    def _of_matrices(self, arrays: Arrays, count: int) -> tuple[Array, NDArray[np.bool_]]:
-        """Frequencies (N, count) from recorded matrices, and where these are valid."""
-        kind = LoadKind(
-            self.load.get("load_kind", "dead"), self.load.get("load_at", LoadKind().at)
-        )
+    def _of_matrices(self, arrays: Arrays) -> tuple[Array, NDArray[np.bool_]]:
+        """Frequencies (N, 6) from recorded matrices, and where these are valid."""
         length, force = convert_length(Units(), self.elastic.units)
         names, n = ("wrench", *OF_VIBRATIONS), 0
         if all(name in arrays for name in names):
@@ -115,14 +113,14 @@ class ManyModes:
         for name in names if n else ():
             rest = tuple(range(1, arrays[name].ndim))
             known &= np.isfinite(arrays[name]).all(axis=rest)
-        frequencies = np.full((len(known), max(count, n)), np.nan)
+        frequencies = np.full((len(known), max(_LOWEST, n)), np.nan)
         for start in range(0, len(known), _ROWS):
             part = slice(start, start + _ROWS)
             rows = start + np.flatnonzero(known[part])
             if not rows.size:
                 continue
             W, M, H, J = (arrays[name][rows] for name in names)
-            D = kind.change(W)
+            D = self.load.change(W)
             added = J.swapaxes(1, 2) @ D @ J
             K = H + 0.5 * (added + added.swapaxes(1, 2))
             sizes = np.sqrt(np.maximum(K.diagonal(axis1=1, axis2=2), numerics.TINY))[
@@ -141,4 +139,4 @@ class ManyModes:
             is_plain = values[:, 0] > numerics.LOST_ERROR * values[:, -1]
             skew = np.abs(added - added.swapaxes(1, 2)) / pairs
             known[rows] = is_plain & (skew.max(axis=(1, 2)) <= numerics.ROUNDOFF)
-        return frequencies[:, :count], known
+        return frequencies[:, :_LOWEST], known

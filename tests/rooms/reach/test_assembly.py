@@ -52,7 +52,7 @@ def test_starts_closed_at_once_end_where_the_engine_ends(name, monkeypatch):
     assert (seen[0], seen[-1]) == ((1, 26), (26, 26))
     none = np.zeros(26, bool)
     monkeypatch.setattr(
-        assembly, "Closer", lambda *_: lambda q: (q, none[: len(q)], none[: len(q)])
+        assembly, "Closer", lambda *_, **__: lambda q: (q, none[: len(q)], none[: len(q)])
     )
     slow = cartstiff.assemble(elastic, starts=25)
     assert 2 <= len(quick) <= len(slow)

@@ -53,7 +53,7 @@ def run(kernel, inputs, count, **options):
 def ur5(count: int = 37):
     elastic = cartstiff.load("ur5").with_springs(rest=[0.1, -0.4, 0.3, 0.2, 0.5, -0.6])
     q = np.random.default_rng(2).uniform(-1.5, 1.5, (count, 6))
-    taken = plan(elastic, "none")
+    taken = plan(elastic)
     return elastic, q, program_for(taken.case, OUTPUTS), {**taken.shared, "q": q}
 
 
@@ -71,7 +71,7 @@ class TestTape:
 
     def test_what_no_output_needs_is_left_out(self):
         _, _, everything, _ = ur5()
-        taken = plan(cartstiff.load("ur5").with_springs(rest=[0.1] * 6), "none")
+        taken = plan(cartstiff.load("ur5").with_springs(rest=[0.1] * 6))
         sizes = [program_for(taken.case, o).size for o in ((), ("wrench",), ("stiffness_B",))]
         assert sizes == sorted(sizes)
         assert sizes[-1] < everything.size
@@ -101,21 +101,21 @@ class TestTape:
 
 
 @pytest.mark.parametrize(
-    ("name", "wrench", "operations"),
+    ("name", "is_loaded", "operations"),
     [
-        ("ur5", "none", 1285),
-        ("ur5", "shared", 1747),
-        ("panda", "none", 2410),
-        ("panda", "shared", 2936),
-        ("stewart-gough", "none", 3032),
-        ("stewart-gough", "shared", 3110),
-        ("6-ups", "none", 6557),
-        ("6-ups", "shared", 15127),
+        ("ur5", False, 1285),
+        ("ur5", True, 1747),
+        ("panda", False, 2410),
+        ("panda", True, 2936),
+        ("stewart-gough", False, 3032),
+        ("stewart-gough", True, 3110),
+        ("6-ups", False, 6557),
+        ("6-ups", True, 15127),
     ],
 )
-def test_programs_do_not_grow(name, wrench, operations):
+def test_programs_do_not_grow(name, is_loaded, operations):
     """A tenth more operations than these are too many."""
-    taken = plan(cartstiff.load(name), wrench)
+    taken = plan(cartstiff.load(name), is_loaded)
     outputs = "jacobian", "wrench", *(f"stiffness_{c}" for c in "ABKF")
     assert program_for(taken.case, outputs).size <= 1.1 * operations
 
@@ -233,7 +233,7 @@ class TestAlgebra:
 def test_any_frame_of_the_twists(name):
     """F, that of any joint, and M: poses, twists, wrenches and what joints carry are the same."""
     elastic, rng = cartstiff.load(name), np.random.default_rng(9)
-    constants = plan(elastic, "none").case.constants
+    constants = plan(elastic).case.constants
     joints = len(constants.parents)
     q = elastic.q + rng.uniform(-0.3, 0.3, joints)
     points = tuple(map(tuple, rng.normal(size=(joints, 3)).tolist()))
@@ -307,20 +307,24 @@ def test_sine_and_cosine_to_the_last_digit():
 class TestWaysToRun:
     @pytest.mark.parametrize("width", [2, 4, 8])
     @pytest.mark.parametrize("stream", [False, True])
-    def test_vectors_of_any_length(self, width, stream):
+    def test_vectors_of_any_length(self, width, stream, monkeypatch):
         """Also longer than this processor's, and past the cache."""
+        if stream:
+            monkeypatch.setattr("cartstiff.recorded.execution.STREAMED", 0)
         _, q, program, inputs = ur5()
         expected = run(PortableKernel(program), inputs, len(q))
-        found = run(CompiledKernel(program, width), inputs, len(q), stream=stream)
+        found = run(CompiledKernel(program, width), inputs, len(q))
         for name, array in expected.items():
             size = np.abs(array).max(axis=1, keepdims=True)
             assert (np.abs(found[name] - array) <= FUSED * size).all(), name
 
-    def test_a_long_program_in_pieces(self):
+    def test_a_long_program_in_pieces(self, monkeypatch):
         """Cut into functions, it does the same operations."""
         _, q, program, inputs = ur5()
         expected = run(CompiledKernel(program), inputs, len(q))
-        found = run(CompiledKernel(program, longest=300), inputs, len(q), stream=True)
+        monkeypatch.setattr("cartstiff.recorded.vector_code.LONGEST", 300)
+        monkeypatch.setattr("cartstiff.recorded.execution.STREAMED", 0)
+        found = run(CompiledKernel(program), inputs, len(q))
         for name, array in expected.items():
             size = np.abs(array).max(axis=1, keepdims=True)
             assert (np.abs(found[name] - array) <= FUSED * size).all(), name
@@ -363,21 +367,21 @@ class TestWaysToRun:
     def test_other_springs_need_no_other_code(self):
         elastic, q, _, _ = ur5()
         analyse_many(elastic, q, path="compiled")
-        before = dict(kernels._compiled)
+        before = dict(kernels._made)
         softer = elastic.with_springs(stiffness=10.0, rest=[0.5] * 6)
         found = analyse_many(softer, q, path="compiled")
-        assert list(kernels._compiled.values()) == list(before.values())
+        assert list(kernels._made.values()) == list(before.values())
         K = cartstiff.analyse(softer, q[0]).matrices["B"]
         np.testing.assert_allclose(found["stiffness_B"][0], K, rtol=1e-10, atol=1e-9)
 
     def test_plans_are_kept_while_nothing_can_change(self):
         elastic = cartstiff.load("ur5")
-        assert plan(elastic, "none") is plan(elastic, "none")
-        assert plan(elastic, "none") is not plan(elastic, "each")
+        assert plan(elastic) is plan(elastic)
+        assert plan(elastic) is not plan(elastic, True)
         heavy = replace(elastic, gravity=np.array([0.0, 0.0, -9.81]))
-        before = plan(heavy, "none").shared["forces"].copy()
+        before = plan(heavy).shared["forces"].copy()
         heavy.gravity[2] = -1.6
-        assert not np.array_equal(plan(heavy, "none").shared["forces"], before)
+        assert not np.array_equal(plan(heavy).shared["forces"], before)
 
     def test_few_postures_are_not_worth_compiling(self):
         elastic = cartstiff.load("ur10")

@@ -334,12 +334,12 @@ def test_a_map_has_one_numerical_path(tmp_path, monkeypatch):
     elastic = arm()
     sampling = RandomPostures(60, 1, elastic.q - 0.5, elastic.q + 0.5)
     monkeypatch.setattr(kernels, "WORTH_COMPILING", 60)
-    monkeypatch.setattr(kernels, "_compiled", {})
+    monkeypatch.setattr(kernels, "_made", {})
     quantities = ["translation_free_min", "condition"]
     whole = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()
     assert whole.attrs["numerical_path"] == "compiled"
     (tmp_path / "m.zarr" / "parts" / "marks" / "c" / "1" / "0").unlink()
-    monkeypatch.setattr(kernels, "_compiled", {})
+    monkeypatch.setattr(kernels, "_made", {})
     resumed = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()
     for name in quantities:
         np.testing.assert_array_equal(resumed[name], whole[name])

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -168,7 +168,7 @@ class Recorded:
         self.case = taken.case
         self.given = {name: np.atleast_2d(row) for name, row in taken.shared.items()}
         self.given["q"] = self.result.q[None]
-        if self.case.wrench != "none":
+        if self.case.is_loaded:
             W = np.zeros(6) if load.wrench is None else load.wrench
             self.given["wrench"] = np.asarray(W, float)[None]
 
@@ -203,9 +203,8 @@ class Recorded:
             return load
         elastic = parameters.asked
         is_loaded = load.wrench is not None and state is None
-        wrench: Literal["each", "none"] = "each" if is_loaded else "none"
         hung = {PAYLOAD} if with_payload and elastic.gravity is not None else set()
-        taken = plan_with(elastic, wrench, hung)
+        taken = plan_with(elastic, is_loaded, hung)
         if isinstance(taken, str):
             return taken
         if taken.untraced or taken.settles:
@@ -217,7 +216,7 @@ class Recorded:
             taken = replace(taken, case=case)
         if state is not None:
             # Rest positions stay, whatever acts.
-            case = replace(taken.case, wrench="each")
+            case = replace(taken.case, is_loaded=True)
             if isinstance(case, PlatformCase):
                 case = replace(case, rest="kept")
             taken = replace(taken, case=case)

@@ -19,7 +19,7 @@ from cartstiff.core.mechanisms.elastic import ElasticMechanism
 from cartstiff.core.mechanisms.limits import Limits
 from cartstiff.recorded.arguments import TENSIONS
 from cartstiff.recorded.following import Assembler, Closed
-from cartstiff.recorded.kernels import CLOSED_CHUNK, Backend
+from cartstiff.recorded.kernels import Backend
 from cartstiff.recorded.own_outputs import OwnOutputs
 from cartstiff.recorded.postures import NOT_ASSEMBLED, REGULAR, Postures
 from cartstiff.recorded.quantities import Quantity, Settings, choose_quantities
@@ -255,15 +255,13 @@ class MapJob:
 
     def _assembled(self, q: Array, box: tuple[slice, ...]) -> Closed:
         """Assemble the postures (N, n) of a box, with the sampled coordinates held."""
-        where, rows = self.sampling, min(len(q), CLOSED_CHUNK)
+        where, is_recorded = self.sampling, self.path != "engine"
         if not isinstance(where, Grid):
-            return Assembler(self.elastic, self.elastic.q, [], self.path, rows).together(
-                q
-            )
+            every = Assembler(self.elastic, self.elastic.q, [], is_recorded)
+            return every.together(q)
         own = where.columns
-        return Assembler(self.elastic, where.base, own, self.path, rows).grid(
-            where.values, own, box
-        )
+        cells = Assembler(self.elastic, where.base, own, is_recorded)
+        return cells.grid(where.values, own, box)
 
 
 def _code(name: str) -> int:

@@ -73,7 +73,7 @@ def closed_from(
     fixed = chain.with_rigid(chain.rigid | frozenset(chain.held))
     # Most starts do not close, and their steps take most of the time: all are iterated at
     # once.
-    begin, is_closed, _ = Closer(elastic, "portable", len(begin))(begin)
+    begin, is_closed, _ = Closer(elastic, compiled=False)(begin)
     first = _MAX_SINGLE_STARTS if is_closed.any() else len(begin)
     closed: list[Array] = []
     places: list[Array] = []
