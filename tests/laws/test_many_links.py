@@ -164,7 +164,7 @@ def test_a_joint_without_a_spring_that_nothing_holds(arms):
     elastic = arms["matrix"].with_springs({"elbow_joint": 0.0})
     q = postures(elastic)
     found, engine = (
-        analyse_many(elastic, q, path=path, wrench=WRENCH) for path in ("portable", "engine")
+        analyse_many(elastic, q, path=path, wrench=WRENCH) for path in ("auto", "engine")
     )
     assert found.fallback == len(q)
     assert found.counts() == engine.counts()

@@ -504,6 +504,16 @@ def test_sources_bend_a_link_that_is_one_spring(language, tmp_path):
     close(np.asarray(record), np.r_[core.pose.ravel(), core.tangent_compliance.ravel()])
 
 
+def test_a_joint_without_a_spring_beside_links_that_give(tmp_path):
+    """Whether it feels a load is seen posture by posture."""
+    links = {"link1": {"stiffness": np.diag([9e2, 8e2, 7e2, 3e5, 2e5, 1e5]).tolist()}}
+    springs = {"j2": {"stiffness": 500.0}}
+    arm = two_joints(tmp_path, springs=springs, passive=["j1"], flexible=links)
+    program = cartstiff.record(arm, "compliance_load", loaded=True)
+    assert "feel the wrench" in program.reason
+    assert program(arm.q, LOAD).state == "unbalanced"
+
+
 @pytest.mark.usefixtures("without_machine_code")
 @pytest.mark.parametrize("far", [0.0, 1e-6, -1e-6])
 def test_a_cable_at_its_rest_length_has_two_stiffnesses(far, tmp_path):

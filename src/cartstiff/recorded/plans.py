@@ -290,8 +290,8 @@ def _open_case(
         return "bodies beside the way to the frame have weight"
     case = ChainCase(constants, is_loaded, rigid=rigid, has_chart=n == 6 and not rigid)
     if elastic.springs is not None:
-        passive = {*np.flatnonzero(elastic.springs.is_passive).tolist()}.difference(rigid)
-        if is_loaded and passive and not chain.virtual:
+        passive = np.flatnonzero(elastic.springs.is_passive).tolist()
+        if is_loaded and {*passive}.difference(rigid, chain.virtual):
             return (
                 "whether joints without a spring feel the wrench is seen posture by "
                 "posture"
