@@ -646,6 +646,8 @@ def test_every_quantity_is_an_output(name):
     """Beside what the matrices and the modes of the core say; what is not recorded is named."""
     elastic = cartstiff.load(name)
     names = [n for n in QUANTITIES if not n.startswith("damping")]
+    if name == "stewart-gough":  # without masses
+        names = [n for n in names if not n.startswith("frequency")]
     if elastic.mechanism.closures:
         names = [n for n in names if "jacobian" not in QUANTITIES[n].needs]
     if not elastic.efforts:  # nothing limits the forces of its drives

@@ -19,9 +19,10 @@ from cartstiff import (
     load,
     modes,
     optimise_path,
+    record,
 )
 from cartstiff.extend import in_units
-from cartstiff.maps import Trajectory, compute_map
+from cartstiff.maps import Trajectory, compute_map, map_of
 from cartstiff.vibration import Damping
 
 
@@ -46,6 +47,22 @@ def test_motions_without_mass_have_none():
     found = frequencies(bare, np.zeros((1, 2)), count=3)
     assert found[0, 0] == pytest.approx(modes(bare).frequencies[0])
     assert np.isnan(found[0, 1:]).all()
+
+
+def test_without_masses_and_damping_without_its_criterion_are_refused():
+    bare, hexapod = column(masses=(0.0, 0.0)), load("stewart-gough")
+    where = Trajectory(np.zeros((1, 2)))
+    here = ToolPath(hexapod.mechanism.at(hexapod.q).pose[None])
+    for ask in (
+        lambda: map_of(bare, where, ["frequency_1"]),
+        lambda: map_of(bare, where, ["damping_1"], damping=0.1),
+        lambda: record(bare, ["frequency_2"]),
+        lambda: optimise_path(hexapod, here, criterion="frequency_1"),
+    ):
+        with pytest.raises(InputError, match=r"needs masses.*nothing that moves"):
+            ask()
+    with pytest.raises(InputError, match=r"damping.*criterion does not need it"):
+        optimise_path(hexapod, here, criterion="condition", damping=0.1)
 
 
 def test_a_body_that_carries_all_mass_swings_by_its_compliance(tmp_path, monkeypatch):

@@ -56,6 +56,7 @@ from cartstiff.recorded.postures import REGULAR, Postures
 from cartstiff.recorded.quantities import (
     QUANTITIES,
     Settings,
+    check_masses,
     check_used,
     choose_quantities,
 )
@@ -663,6 +664,8 @@ def record(
     for name in inputs:
         check_name("input", name, Inputs.__annotations__)
     _check_inputs(elastic, inputs, loaded)
+    if "payload" not in inputs:
+        check_masses([QUANTITIES[name] for name in quantities], elastic)
     if inputs and "rest" in inputs and (loaded or not springs_of(elastic).is_complete):
         raise InputError(
             "rest positions that are found at each posture are no inputs",

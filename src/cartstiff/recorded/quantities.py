@@ -23,11 +23,13 @@ from numpy.typing import ArrayLike
 from cartstiff.answer.analysis.ellipsoids import Freedom, Others
 from cartstiff.answer.analysis.matrices import ROTATION, TRANSLATION, UNITS
 from cartstiff.answer.analysis.metrics import characteristic_length
+from cartstiff.answer.vibration.modes import masses_that_move
 from cartstiff.answer.vibration.response import Damping
 from cartstiff.core.arrays import Array, checked_input, checked_unit
 from cartstiff.core.errors import InputError, UnknownNameError
 from cartstiff.core.matrix_names import OF_MANY
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
+from cartstiff.core.statics.small_motions import kinetic_matrix
 from cartstiff.core.stiffness.applied_load import Axes, LoadKind, wrench_in_body
 from cartstiff.core.stiffness.compute import analyse
 from cartstiff.core.units import Units
@@ -690,6 +692,21 @@ def default_length(
     here = analyse(elastic, **load).at()
     length = characteristic_length(*here.pair(connection, "held")).value
     return float(f"{length:.6g}")  # the same digits on every processor
+
+
+def check_masses(chosen: Sequence[Quantity], elastic: ElasticMechanism) -> None:
+    """Refuse vibrations of a mechanism in which nothing that moves has a mass."""
+    names = [q.name for q in chosen if q.name in FREQUENCIES or q.asks == "damping"]
+    if not names or masses_that_move(elastic):
+        return
+    at_rest = elastic.mechanism.at(elastic.q)
+    full = kinetic_matrix(at_rest, elastic.terms(), elastic.units)
+    if full is None or not np.diag(full).any():
+        raise InputError(
+            f"the quantity {names[0]} needs masses",
+            expected="inertias in the robot's file, body and legs.mass, or a payload",
+            got=f"nothing that moves in {elastic.name} has a mass",
+        )
 
 
 def check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from tests.doors import LoadKind
 from tests.inner import LoadedPostures, Steps, best_way
 from tests.support import seeds
+from tests.support.builders import paper_geometry, platform_mechanism
 from tests.support.printed import better_of, words_of_better
 
 import cartstiff
@@ -89,3 +90,15 @@ def test_difference_quotients_are_said():
     assert found.reason == ""
     said = words_of_better(replace(found, reason=cost.why_quotients), panda)
     assert "difference quotients: " in " ".join(said)
+
+
+def test_a_body_on_fewer_than_six_lines_is_near_a_singularity_everywhere():
+    base, points, k, rest = (x[:4] for x in paper_geometry())
+    held = platform_mechanism(0.01 * base, 0.01 * points, k, 0.01 * rest)
+    path = cartstiff.ToolPath(held.mechanism.at(held.q).pose[None])
+    found = cartstiff.optimise_path(held, path, criterion="translation_held_max", singular=0.0)
+    K = cartstiff.analyse(held).matrices["B"]
+    assert found.values[0] == pytest.approx(np.linalg.eigvalsh(K[3:, 3:])[-1], rel=1e-9)
+    assert found.ratios.tolist() == [0.0]
+    with pytest.raises(cartstiff.UndefinedError, match="only near singularities"):
+        cartstiff.optimise_path(held, path, criterion="translation_held_max")

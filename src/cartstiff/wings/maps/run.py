@@ -50,6 +50,7 @@ from cartstiff.recorded.kernels import lasting_path
 from cartstiff.recorded.postures import described
 from cartstiff.recorded.quantities import (
     Settings,
+    check_masses,
     check_used,
     choose_quantities,
     is_own,
@@ -208,6 +209,7 @@ def map_job(
     names = [quantities] if isinstance(quantities, str) else list(quantities)
     chosen = choose_quantities(names, settings, elastic)
     check_used(settings, chosen)
+    check_masses(chosen, elastic)
     row = None if load is None else tuple(load.tolist())
     is_best = isinstance(sampling, CartesianGrid) and sampling.redundancy == "best"
     if is_best and chosen[0].better is None:

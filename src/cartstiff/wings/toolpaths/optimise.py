@@ -68,6 +68,7 @@ from cartstiff.recorded.quantities import (
     QUANTITIES,
     Quantity,
     Settings,
+    check_masses,
     choose_quantities,
 )
 from cartstiff.recorded.recording import Recording, arrays_of_many
@@ -709,6 +710,14 @@ class PathCost:
         if self.loaded and self.path.wrenches is None:
             raise InputError("a stiffness under load needs the path's wrenches")
         choose_quantities([self.quantity.name], self._settings(0), self.elastic)
+        check_masses([self.quantity], self.elastic)
+        if self.damping != Damping() and self.quantity.asks != "damping":
+            raise InputError(
+                "is given, and the criterion does not need it",
+                where="damping",
+                expected="a criterion such as damping_1",
+                got=self.quantity.name,
+            )
         if self.kept:
             choose_quantities([*self.kept], self._under_load, self.elastic)
 
@@ -830,9 +839,11 @@ class PathCost:
         finite = np.isfinite(scaled).all(axis=(1, 2))
         scaled = np.where(finite[:, None, None], scaled, 0.0)
         values = np.linalg.svd(scaled, compute_uv=False)
-        with numerics.silent():
-            ratio = np.where(finite, values[:, rank - 1] / values[:, 0], 0.0)
-        side = np.zeros(len(ratio))
+        # Fewer lines than motions leave the body free everywhere.
+        ratio, side = np.zeros(len(values)), np.zeros(len(values))
+        if rank <= values.shape[1]:
+            with numerics.silent():
+                ratio = np.where(finite, values[:, rank - 1] / values[:, 0], 0.0)
         if scaled.shape[2] == rank and rank > 0:
             # A basis of the body's motions, if they are the same at all postures.
             sizes, vectors = np.linalg.eigh(np.einsum("nij,nkj->ik", scaled, scaled))
