@@ -569,6 +569,7 @@ def test_for_print_as_wide_as_wished_with_a_caption_or_none(hand, tmp_path):
             hand.click("button:has-text('Keep as 1')")
             hand.click(".compare-card label:has-text('side by side')")
             settled(page)
+            page.wait_for_function("() => window.cartstiff.rows[0].store?.legend")
         with page.expect_download() as waiting:
             printed(page, "picture", 170, caption=False)
         waiting.value.save_as(tmp_path / "both.png")

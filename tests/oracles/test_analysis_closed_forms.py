@@ -12,6 +12,7 @@ from tests.doors import (
     PostureMatrices,
     Reading,
     Uncertain,
+    Units,
     characteristic_length,
     compliance_deflection,
     isotropy,
@@ -262,7 +263,7 @@ def test_text_has_units() -> None:
     for words in ("[N m/rad]", "[N/mm]", "Eigenscrews", "asymmetry of K^A"):
         assert words in text
     assert s["connections"]["verdict"] in text
-    centimetres = text_of(s, {"length": "cm", "force": "N", "angle": "rad"})
+    centimetres = text_of(s, Units(length="cm"))
     assert "[N cm/rad]" in centimetres
     assert "N/m]" not in centimetres
 

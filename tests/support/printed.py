@@ -15,6 +15,7 @@ from cartstiff import (
     Workspace,
 )
 from cartstiff.identify import Identification
+from tests.doors import SI, Units
 from tests.inner import (
     SENTENCES,
     answer_at,
@@ -41,8 +42,12 @@ def _of_posture(result: PostureStiffness, **how: Any) -> str:
     return str(describe(result, answer_at(result), **how))
 
 
+def _of_analysis(result: Any, units: Units = SI) -> str:
+    return str(summary_text(result, units))
+
+
 #: What makes the text of each kind of result, or its answer.
-TEXTS = {PostureStiffness: _of_posture, Equilibrium: describe_equilibrium, dict: summary_text}
+TEXTS = {PostureStiffness: _of_posture, Equilibrium: describe_equilibrium, dict: _of_analysis}
 ANSWERS = {
     LoadCurve: answer_of_curve,
     CompensatedPath: answer_of_compensation,

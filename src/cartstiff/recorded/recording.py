@@ -564,8 +564,9 @@ def analyse_many(
             expected="0 or more",
             got=one_by_one,
         )
-    given = {"q": q if isinstance(q, np.ndarray) else coordinates, "wrench": loads}
-    arrays = arrays_for(elastic, names, out, len(coordinates), given)
+    given = {"q": (q, coordinates), "wrench": (wrench, loads)}
+    read = {n: x if isinstance(x, np.ndarray) else own for n, (x, own) in given.items()}
+    arrays = arrays_for(elastic, names, out, len(coordinates), read)
     kind = checked_load(
         load_kind, load_at, load_axes, loads is not None, elastic.may_be_loaded
     )

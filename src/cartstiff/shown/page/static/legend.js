@@ -141,8 +141,8 @@ function answerIn(store) {
   return way === null ? "" : ` under ${loadWords(store)}: ${what} moves ${engineering(way, store.unit("length"))}`;
 }
 
-/** Rows whose pictures are beside this one. */
-const othersOf = (store) => store.rows.filter(({ figure }) => figure);
+/** Rows whose pictures are drawn beside this one. */
+const othersOf = (store) => store.rows.filter(({ figure, store: own }) => figure && own?.legend);
 
 /** The picture as a drawing of its own, and those beside it. */
 function picture(store, kind) {
