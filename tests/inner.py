@@ -43,7 +43,6 @@ HOMES = {
     "files.meshes": "read_meshes",
     "files.mjcf": "reading worker",
     "files.schema": "ClosedChainFile SerialFile",
-    "files.struts.mounted_struts": "MountedStruts",
     "files.tables": "head_of read_rows",
     "files.visuals": "visuals_of",
     "kinematics.joint_poses": "distinct joint_poses_Kinematics=Kinematics pose_errors",

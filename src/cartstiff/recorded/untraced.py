@@ -472,7 +472,7 @@ def strut_states(
     """`FlexureStruts.many` at poses (N, 4, 4) under gradients (N, 6), by machine code.
 
     With `every` all rest lengths are chosen. Not computed are struts with large bending,
-    on a compliant base or platform, or with some open rest lengths.
+    or with some open rest lengths.
 
     Returns
     -------
@@ -482,9 +482,7 @@ def strut_states(
     """
     start, free = struts.start_rest(poses, every)
     search = _Search(struts, poses, start)
-    if type(struts) is not FlexureStruts or (
-        free.any() and not (free.all() and len(free) == 6)
-    ):
+    if free.any() and not (free.all() and len(free) == 6):
         search.which = search.which[:0]
     for _ in range(_MAX_STEPS):
         if not search.which.size:
@@ -656,7 +654,8 @@ class UntracedTerms:
             verdicts[own] = np.maximum(verdicts[own], np.where(is_found, found, left))
 
         others = np.arange(len(q))
-        if compiled:
+        # The code is for struts alone, without a compliant base or platform.
+        if compiled and type(struts) is FlexureStruts:
             doubtful = []
             for rows in np.split(others, range(_COMPILED_ROWS, len(q), _COMPILED_ROWS)):
                 at, known = strut_states(struts, poses[rows], borne[rows], self.is_loaded)
