@@ -92,6 +92,34 @@ def test_each_argument_of_another_kind_is_refused_or_answered(name):
     assert refused >= len(arguments)
 
 
+HERE = cartstiff.ToolPath(ANALYSIS.pose[None])
+POSTURES = cartstiff.maps.Trajectory([ARM.q])
+ELSEWHERE = cartstiff.maps.CartesianGrid(AXES, PLATFORM, PLATFORM.q)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: cartstiff.analyse_many(ARM, [ARM.q], one_by_one=1.5), "a whole number from 0"),
+        (lambda: cartstiff.maps.RandomPostures(2.5, 0, ARM.q, ARM.q), "not whole"),
+        (lambda: cartstiff.maps.CartesianGrid(AXES, ARM, ARM.q, branches=1.5), "branches"),
+        (lambda: cartstiff.maps.map_of(ARM, ELSEWHERE, ["condition"]), "another mechanism"),
+        (
+            lambda: cartstiff.maps.map_of(
+                ARM, POSTURES, ["along_free"], direction=[1, 0, 0], world="no"
+            ),
+            "world; expected True or False",
+        ),
+        (lambda: cartstiff.optimise_path(ARM, HERE, starts=-1), "starts"),
+        (lambda: cartstiff.optimise_path(ARM, HERE, refine="no"), "refine; expected True"),
+        (lambda: cartstiff.optimise_path(ARM, HERE, ranges={"elbow_joint": 1}), "elbow_joint"),
+    ],
+)
+def test_numbers_and_flags_that_python_would_take_are_refused(call, words):
+    with pytest.raises(InputError, match=words):
+        call()
+
+
 def test_a_potential_with_an_old_name_of_a_method_is_refused():
     with pytest.raises(InputError, match=r"Own: .* expected diagnostics, got remarks"):
 

@@ -88,13 +88,14 @@ def checked_names(outputs: Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def checked_count(what: str, value: object) -> int | None:
-    """A whole number from one, or None."""
+def checked_count(what: str, value: object, least: int = 1) -> int | None:
+    """A whole number from `least`, or None."""
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+    is_flag = isinstance(value, bool)
+    if is_flag or not isinstance(value, (int, np.integer)) or value < least:
         raise InputError(
-            f"{what} cannot be used", expected="a whole number from 1", got=value
+            f"{what} cannot be used", expected=f"a whole number from {least}", got=value
         )
     return int(value)
 

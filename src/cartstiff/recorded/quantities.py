@@ -25,7 +25,7 @@ from cartstiff.answer.analysis.matrices import ROTATION, TRANSLATION, UNITS
 from cartstiff.answer.analysis.metrics import characteristic_length
 from cartstiff.answer.vibration.modes import masses_that_move
 from cartstiff.answer.vibration.response import Damping
-from cartstiff.core.arrays import Array, checked_input, checked_unit
+from cartstiff.core.arrays import Array, checked_flag, checked_input, checked_unit
 from cartstiff.core.errors import InputError, UnknownNameError
 from cartstiff.core.matrix_names import OF_MANY
 from cartstiff.core.mechanisms.elastic import ElasticMechanism
@@ -123,7 +123,7 @@ class Settings:
             characteristic_length(given=length).value,
             None if direction is None else tuple(checked_unit(direction).tolist()),
             None if added is None else tuple(added.tolist()),
-            world,
+            checked_flag(world, "world"),
             load,
             tuple(checked_input(deflect_at, (3,), "point of the deflection").tolist()),
             wrench is not None,

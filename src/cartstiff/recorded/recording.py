@@ -557,13 +557,7 @@ def analyse_many(
     if path not in BACKENDS:
         raise UnknownNameError("path", str(path), BACKENDS)
     size = checked_count("chunk", chunk)
-    if one_by_one is not None and one_by_one < 0:
-        raise InputError(
-            "count cannot be used",
-            where="one_by_one",
-            expected="0 or more",
-            got=one_by_one,
-        )
+    most = checked_count("one_by_one", one_by_one, 0)
     given = {"q": (q, coordinates), "wrench": (wrench, loads)}
     read = {n: x if isinstance(x, np.ndarray) else own for n, (x, own) in given.items()}
     arrays = arrays_for(elastic, names, out, len(coordinates), read)
@@ -582,7 +576,7 @@ def analyse_many(
         arrays=arrays,
         threads=count,
         size=size,
-        one_by_one=one_by_one,
+        one_by_one=most,
     )
 
 

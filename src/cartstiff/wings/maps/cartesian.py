@@ -100,7 +100,7 @@ class CartesianGrid(Sampling):
     ) -> None:
         checked_elastic(elastic)
         own = checked_axes(axes, _AXIS_NAMES, "axis")
-        if branches < 1 or starts < 0:
+        if branches < 1 or starts < 0 or branches % 1 or starts % 1:
             raise InputError("branches or starts cannot be used", got=(branches, starts))
         for what, value, known in (
             ("free rotation", free, get_args(Free)),
@@ -121,7 +121,7 @@ class CartesianGrid(Sampling):
             raise InputError(
                 "orientation is not a rotation", got=self.orientation.tolist()
             )
-        self.base = np.array(posture.q)
+        self.base, self.names = np.array(posture.q), elastic.names
         self.free, self.redundancy = free, redundancy
         self.branches, self.count, self.seed = (
             int(branches),

@@ -344,7 +344,7 @@ def _check_postures(sampling: Sampling, elastic: ElasticMechanism) -> None:
     """Refuse postures of another mechanism."""
     own = vars(sampling)
     row = next((own[name] for name in ("base", "lower", "q") if name in own), elastic.q)
-    names = sampling.names if isinstance(sampling, Grid) else elastic.names
+    names = own.get("names", elastic.names)
     if names != elastic.names or np.shape(row)[-1] != len(names):
         got = f"{np.shape(row)[-1]} coordinates"
         raise InputError(

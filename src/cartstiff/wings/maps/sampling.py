@@ -251,18 +251,19 @@ class RandomPostures(Sampling):
     stores_q = True
 
     def __init__(self, count: int, seed: int, lower: ArrayLike, upper: ArrayLike) -> None:
-        count = int(checked_number(count, "number of postures"))
-        if count < 1:
-            raise InputError(
-                "no postures were asked for", expected="1 or more", got=count
-            )
+        number = checked_number(count, "number of postures")
+        if number < 1 or number % 1:
+            what = "number of postures is not whole"
+            if number < 1:
+                what = "no postures were asked for"
+            raise InputError(what, expected="1 or more", got=count)
         self.lower = checked_array(lower, ("n",), "lower limits of random postures")
         self.upper = checked_vector(
             upper, len(self.lower), "upper limits of random postures"
         )
         if np.any(self.upper < self.lower):
             raise InputError("limits of random postures must rise")
-        self.count, self.seed = int(count), checked_seed(seed)
+        self.count, self.seed = int(number), checked_seed(seed)
         self.dims, self.shape = ("posture",), (self.count,)
 
     @classmethod

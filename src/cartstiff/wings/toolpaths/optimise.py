@@ -37,6 +37,7 @@ from cartstiff.answer.vibration.response import Damping
 from cartstiff.core import numerics
 from cartstiff.core.arrays import (
     Array,
+    checked_flag,
     checked_seed,
     csv_text,
     named_values,
@@ -1399,7 +1400,14 @@ def optimise_path(
     connection = connection or ("load" if loaded else "B")
     check_name("free rotation", free, get_args(Free))
     check_name("criterion", criterion, criteria())
+    for name, flag in (("loaded", loaded), ("refine", refine)):
+        checked_flag(flag, name)
+    if starts < 0:
+        raise InputError("starts cannot be used", expected="0 or more", got=starts)
     _check_shares(singular, smoothness)
+    for name, pair in (ranges or {}).items():
+        if np.shape(pair) != (2,):
+            raise InputError("range", where=name, expected="(low, high)", got=pair)
     # The posture near which the path begins, and the choices that are left along it.
     near, start = _nearby(elastic, near)
     kept = {name: (ranges or {})[name] for name in OF_STRENGTH if name in (ranges or {})}
