@@ -49,6 +49,19 @@ def test_motions_without_mass_have_none():
     assert np.isnan(found[0, 1:]).all()
 
 
+@pytest.mark.parametrize("least", [-1e3, -1e-3, 0.0])
+def test_matrices_that_are_not_positive_are_left_to_the_modes_of_one_posture(least):
+    elastic, zeros = column(), np.zeros((2, 6, 2))
+    H = np.array([np.diag([2e3, 1e3]), [[1e3, 1e3], [1e3, least]]])
+    arrays = {"kinetic": np.array([[[3.0, 1.0], [1.0, 2.0]]] * 2), "lagrangian": H}
+    arrays |= {"motion": zeros, "wrench": zeros[:, :, 0]}
+    found, known = ManyModes(elastic, np.zeros((2, 2)))._of_matrices(arrays)
+    squares = np.linalg.eigvals(np.linalg.solve(arrays["kinetic"][0], H[0]))
+    assert known.tolist() == [True, False]
+    assert found[0, :2] == pytest.approx(np.sqrt(np.sort(squares)) / (2 * np.pi))
+    assert np.isnan(found[1]).all()
+
+
 def test_without_masses_and_damping_without_its_criterion_are_refused():
     bare, hexapod = column(masses=(0.0, 0.0)), load("stewart-gough")
     where = Trajectory(np.zeros((1, 2)))

@@ -123,11 +123,14 @@ class ManyModes:
             D = self.load.change(W)
             added = J.swapaxes(1, 2) @ D @ J
             K = H + 0.5 * (added + added.swapaxes(1, 2))
-            sizes = np.sqrt(np.maximum(K.diagonal(axis1=1, axis2=2), numerics.TINY))[
-                :, :, None
-            ]
+            # Rows that are not positive have no frequencies here, nor large numbers.
+            diagonal = K.diagonal(axis1=1, axis2=2)
+            K = K * (diagonal > 0.0).all(axis=1)[:, None, None]
+            sizes = np.sqrt(np.maximum(diagonal, numerics.TINY))[:, :, None]
             pairs = sizes * sizes.swapaxes(1, 2)
             values, axes = np.linalg.eigh(K / pairs)
+            is_plain = values[:, 0] > numerics.LOST_ERROR * values[:, -1]
+            axes = axes * is_plain[:, None, None]
             root = axes / sizes / np.sqrt(np.maximum(values, numerics.TINY))[:, None]
             inverse = np.linalg.eigvalsh(root.swapaxes(1, 2) @ M @ root)[:, ::-1]
             inverse = inverse * (force / length)
@@ -136,7 +139,6 @@ class ManyModes:
             with numerics.silent():
                 hertz = 1.0 / (2.0 * np.pi * np.sqrt(inverse))
             frequencies[rows, :n] = np.where(inverse > least, hertz, np.nan)
-            is_plain = values[:, 0] > numerics.LOST_ERROR * values[:, -1]
             skew = np.abs(added - added.swapaxes(1, 2)) / pairs
             known[rows] = is_plain & (skew.max(axis=(1, 2)) <= numerics.ROUNDOFF)
         return frequencies[:, :_LOWEST], known
