@@ -106,6 +106,12 @@ def test_compressed_beyond_its_buckling_load_a_segment_keeps_its_force():
     assert forces == pytest.approx([-0.5 * clamped, -0.999 * clamped, -0.999 * clamped])
 
 
+@pytest.mark.parametrize("i", [0, 1, 4, 5])
+def test_a_segment_bent_by_half_a_turn_has_no_energy(i):
+    beam = Beam(np.arange(6), 0.5, SECTIONS[0])
+    assert np.isnan(beam.evaluate(Coordinates(np.pi * np.eye(6)[i])).energy)
+
+
 # -- small deflections ---------------------------------------------------------------------
 
 

@@ -287,7 +287,7 @@ def _turn(w: Array) -> tuple[Array, Array, Array]:
     h, h1, h2 = power_series(_STRETCH, np.where(small, w, 0.0))
     if small.all():
         return h, h1, h2
-    v = np.where(small, 0.5, w)
+    v = np.where(small, 0.5, np.where(w < 1.0, w, np.nan))  # half a turn has none
     r = 2 * v * (1 - v)
     f = np.arcsin(np.sqrt(v)) / np.sqrt(v * (1 - v))
     f1 = (1 - (1 - 2 * v) * f) / r
